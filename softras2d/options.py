@@ -62,16 +62,17 @@ class Hard(eqx.Module):
 class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
-    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %, which is 0.8 for
-      a pixel's box filter. It is an array leaf of a plan, so a new value does not recompile if it
-      is at most the plan's `max_width`.
-    - `profile`: `"logistic"` in the distance; `"softras"`, logistic in its square, with derivative
-      0 on the edge itself; or `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond
-      a finite distance: 1.38, 0.83 and 0.82 widths.
-    - `temperature`: for scenes with depth, in units of depth. A triangle that is deeper by the
-      temperature has 1/e of the weight. Keep it near the differences in depth: if it is far below
-      them, the nearest triangle hides all others as far as its coverage reaches, so that its
-      outline swells. It is an array leaf too.
+    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %; a pixel's box
+      filter has 0.8. It is an array leaf of a plan, so a new value does not recompile, but it may
+      not exceed the `max_width` for which the plan was made.
+    - `profile`: `"logistic"`, a logistic function of the signed distance; `"softras"`, a logistic
+      function of its square with the same sign, with derivative 0 on the edge itself; or
+      `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond a finite distance: 1.38,
+      0.83 and 0.82 widths.
+    - `temperature`: how much nearer triangles outweigh deeper ones in scenes with depth, in units
+      of depth. A triangle that is deeper by the temperature has 1/e of the weight. Keep it near the
+      differences in depth: if it is far below them, the nearest triangle hides all others as far as
+      its coverage reaches, so that its outline swells. It is an array leaf too.
     """
 
     width: int | float | Array = 1.0
@@ -95,8 +96,9 @@ class Soft(eqx.Module):
 class Area(eqx.Module):
     """Exact area of the intersection of triangle and pixel, in closed form.
 
-    `compositing`: `"over"` blends in draw order; the background shows at the seams of adjacent
-    triangles. `"sum"` adds signed areas, which gives the exact image of a tiling.
+    - `compositing`: `"over"` blends in draw order; the background shows at the seams of adjacent
+      triangles. `"sum"` adds signed areas, which gives the exact image of triangles that cover the
+      plane without gap or overlap.
     """
 
     compositing: AreaCompositing = eqx.field(static=True, default="over")
@@ -124,10 +126,10 @@ class Filter(eqx.Module):
     - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
     - `anisotropy`: maximum number of probes along the longer axis of the footprint, 1..16. 1 is
       isotropic, which blurs a stretched texture.
-    - `lod_bias`: added to the level of detail, which is that of a whole pixel's footprint. With S
-      samples along the side of a pixel, -log2 S gives the level of a sample's footprint, and the
-      mean over the samples does the rest. It is an array leaf of a plan, so a new value does not
-      recompile.
+    - `lod_bias`: number of levels added to the level of detail, which is chosen for the footprint
+      of a pixel. With S samples along the side of a pixel, -log2 S chooses the level for the
+      footprint of one sample, as all samples of the pixel are averaged anyway. It is an array leaf
+      of a plan, so a new value does not recompile.
     """
 
     pixel: PixelFilter = eqx.field(static=True, default="bilinear")

@@ -11,8 +11,8 @@
 - **Draw order**: later triangles lie in front. With `depth`, which grows away from the viewer, the
   nearest triangle wins, and of equal depths the later one. With depth and translucency together, a
   triangle that is drawn later but lies behind is hidden even by a translucent one.
-- **Textures**: the colour and alpha of a textured sample are those of the texel times the
-  interpolated ones.
+- **Textures**: the colour and alpha of a textured sample are the filtered texel times the
+  interpolated colour and alpha of the triangle.
 - **Barycentric weights** of the corners 0, 1 and 2 sum to one.
 - **Texture space**: u right and v down, 0..1 across the image.
 """
@@ -40,8 +40,9 @@ class Scene(eqx.Module):
     - `positions`: `(x, y)` in pixels.
     - `triangles`: three vertex indices each, in draw order and in either orientation; triangles may
       share vertices.
-    - `colors`: straight RGB (opaque) or RGBA. One corner is a flat triangle; three corners are
-      interpolated. Black is 0 and white is 1; values outside 0..1 are drawn without clipping.
+    - `colors`: straight RGB (opaque) or RGBA. With one corner each triangle has one colour; the
+      colours of three corners are interpolated. Black is 0 and white is 1; values outside 0..1 are
+      drawn without clipping.
     - `background`: RGB (opaque) or straight RGBA.
     - `uv`, `texture_index` (-1: none), `textures`: texture coordinates of each corner, the texture
       of each triangle, and the pyramid of all textures. Give all three or none.
@@ -80,7 +81,7 @@ class Scene(eqx.Module):
         return scene_text(self)
 
     def _repr_html_(self) -> str | None:
-        """A small picture and the text of `repr`, for notebooks."""
+        """Return HTML for notebooks, with a small picture and the text of `repr`."""
         return scene_html(self)
 
     @staticmethod
@@ -101,8 +102,8 @@ class Scene(eqx.Module):
 
         Give either `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles,
         channels]` (flat) or `[triangles, 3, channels]` (one per corner). The default `background`
-        is white. All floats get the dtype of `positions`, float32 or float64; integers become
-        float32. Arrays on the host are converted without compiling anything.
+        is white. All floats get the dtype of `positions`, which is float32 or float64; integer
+        positions become float32. Arrays on the host are converted without compiling anything.
 
         Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
         look like bytes (0..255).
@@ -238,7 +239,11 @@ def check(scene: Scene) -> None:
 
 
 def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any) -> None:
-    """Raise `ValueError` for the first true entry of `is_invalid`, whose first axis is `axis`."""
+    """Raise `ValueError` if an entry of `is_invalid` is true, naming the first such entry.
+
+    `name` is the array's name, `axis` says what its first axis counts, `requirement` completes
+    "must be", and `value` is the array, laid out like `is_invalid`.
+    """
     is_invalid = np.asarray(is_invalid)
     if is_invalid.any():
         index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
@@ -316,7 +321,7 @@ def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
 
 
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """Check and convert an optional array of a scene; `dtype` None: it holds integers."""
+    """Check and convert an optional array of a scene to `dtype`, or to int32 if that is None."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
@@ -369,7 +374,10 @@ def _numbers(name: str, value: Any) -> Any:
 
 
 def take_triangles(scene: Scene, is_taken: np.ndarray) -> Scene:
-    """Keep only the triangles where `is_taken` `[triangles]` is true; not while tracing."""
+    """Return a scene of only the triangles where `is_taken` is true; not for use while tracing.
+
+    All vertices are kept, with their indices.
+    """
     if is_taken.all():
         return scene
 

@@ -1,8 +1,12 @@
-"""Expansion: one entry for each of the things that every owner has, in one list.
+"""Expand a count per owner into a list with one entry for each counted item.
 
-If owner i has `count[i]` things, the list names owner 0 `count[0]` times, then owner 1, and so on,
-with ranks from 0 within each owner. On the device the list has a fixed capacity; on the host it is
-as long as it needs to be. `pairs.find_pairs` is written for both.
+An owner is whatever the items belong to: a triangle has strips, a strip has tiles, a tile has
+chunks. If owner i has `count[i]` items, the list names owner 0 `count[0]` times, then owner 1
+`count[1]` times, and so on. Each entry also has a rank, which counts the items of its owner from 0.
+For example, the counts (2, 0, 1) give the owners (0, 0, 2) and the ranks (0, 1, 0).
+
+On the device the list has a fixed capacity; on the host it is as long as it needs to be.
+`pairs.find_pairs` works with either.
 """
 
 from collections.abc import Callable
@@ -17,10 +21,12 @@ from ..numerics.prefix import cumulative_max, cumulative_sum
 
 
 class Expansion(NamedTuple):
-    """The entries of an expanded list.
+    """A list with one entry for each item of every owner, in the order of the owners.
 
-    - `owner`, `rank`: the owner of each entry, and the entry's number among those of its owner.
-    - `is_used`: whether there is such an entry; false beyond `total`.
+    - `owner`: index of the owner of each entry.
+    - `rank`: number of the entry among the entries of its owner, from 0.
+    - `is_used`: false for the entries after the first `total`, which only fill the list up to its
+      capacity. Their `owner` is a valid index, but there is no such item.
     - `total`: the sum of the counts. If it exceeds the capacity, entries are missing.
     """
 
@@ -31,18 +37,21 @@ class Expansion(NamedTuple):
 
 
 Expand = Callable[[HostOrDeviceArray], Expansion]
-"""From the counts `[owners]` to the expansion."""
+"""A function from the counts `[owners]` to their expansion, such as `expand_on_host`."""
 
 
 def expand_on_device(count: Int[Array, " owners"], *, capacity: int) -> Expansion:
-    """Expand into `capacity` entries; `total` is clamped as in `saturated_sum`."""
+    """Expand into a list of `capacity` entries; items beyond the capacity are left out.
+
+    `total` counts them too, and is clamped to 2^30 (`saturated_sum`).
+    """
     owner, rank = expand(count, capacity)
     total = saturated_sum(count)
     return Expansion(owner, rank, jnp.arange(capacity, dtype=jnp.int32) < total, total)
 
 
 def expand_on_host(count: np.ndarray) -> Expansion:
-    """Expand into as many entries as there are, in numpy."""
+    """Expand, in numpy, into a list that is exactly as long as the sum of the counts."""
     start = np.cumsum(count) - count
     owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
     rank = (np.arange(len(owner)) - start[owner]).astype(np.int32)
@@ -52,9 +61,10 @@ def expand_on_host(count: np.ndarray) -> Expansion:
 def expand(
     count: Int[Array, " owners"], capacity: int
 ) -> tuple[Int[Array, " entries"], Int[Array, " entries"]]:
-    """Owner and rank of each of `capacity` entries.
+    """Compute the owner and the rank of each of `capacity` entries, as in `Expansion`.
 
-    Entries beyond the sum of the counts name the last owner that has any.
+    Entries beyond the sum of the counts name the last owner that has an item, or owner 0 if none
+    has, and their ranks exceed its count.
     """
     start = cumulative_sum(count) - count
     numbers = jnp.where(count > 0, jnp.arange(count.shape[0], dtype=jnp.int32), 0)
@@ -64,6 +74,9 @@ def expand(
 
 
 def saturated_sum(counts: Int[Array, " owners"]) -> Int[Array, ""]:
-    """The sum, clamped to 2^30: a sum that wrapped around could pass for a small one."""
+    """Sum of the counts, clamped to 2^30.
+
+    A sum that wrapped around in int32 could pass for a small one.
+    """
     fits = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
     return jnp.where(fits, jnp.sum(counts, dtype=jnp.int32), 2**30)

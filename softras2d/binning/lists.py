@@ -4,8 +4,8 @@
 triangle in a tile, or is empty. All chunks are computed at once, as an array `[chunks, layers]`,
 whose second axis counts the slots of a chunk.
 
-*Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`,
-those with the longest lists first, and one step visits one entry in the list of each tile of a
+*Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`
+tiles, those with the longest lists first. One step visits one entry in the list of each tile of one
 block.
 """
 
@@ -21,18 +21,23 @@ from .expansion import expand
 from .tiles import TileLists
 
 BLOCK = 64
-"""Number of tiles in a block: the state of their samples fits a core's cache."""
+"""Number of tiles in a block, so small that the state of their samples fits a core's cache."""
 
 
 class Chunks(NamedTuple):
-    """Lists of triangles in chunks; the chunks of a tile follow each other, nearest first.
+    """Tile lists cut into chunks; the chunks of a tile follow each other, nearest triangle first.
 
-    - `triangle`, `filled`: the triangle in each slot, and whether the slot has one.
-    - `entry`: index of the slot's entry in the tile lists.
-    - `tile`, `index`: the tile of a chunk, and the chunk's number among those of its tile.
-    - `first`, `count`: the first chunk of each tile, and how many it has.
-    - `needed`: the number of chunks of all tiles, which may exceed the capacity.
-    - `most_in_tile`: the number of chunks of the tile that has most.
+    - `triangle`, `filled`: index of the triangle in each slot, and whether the slot holds one. The
+      index is 0 in empty slots.
+    - `entry`: index of the slot's entry in the arrays of `TileLists`; 0 in empty slots.
+    - `tile`, `index`: the tile of each chunk, and the chunk's number among the chunks of its tile,
+      from 0. Chunks beyond `needed` are unused: they name the last tile that has a list, and all
+      their slots are empty.
+    - `first`, `count`: index of the first chunk of each tile, and the number of its chunks, which
+      is 0 for an empty list.
+    - `needed`: number of chunks that all tiles together need. If it exceeds the capacity, which is
+      the length of `tile`, chunks are missing.
+    - `most_in_tile`: the greatest entry of `count`.
     """
 
     triangle: Int[Array, "chunks layers"]
@@ -49,12 +54,15 @@ class Chunks(NamedTuple):
 class Steps(NamedTuple):
     """Steps through the tile lists, block after block; a step visits one entry of each list.
 
-    - `block`, `position`: the block of each step, and the position that it visits in the lists of
-      the block's tiles, from 0. Lists with no entry there are not visited.
-    - `tile`, `start`, `count`: the tiles of each block, and the first entry and length of their
-      lists. The last block is padded with empty lists of tile 0.
-    - `slot`: index of each tile in the flattened `tile`.
-    - `needed`: number of steps, which may exceed the capacity.
+    - `block`, `position`: index of the block of each step, and how many entries of each of the
+      block's lists were visited before it. Lists that have no more entries are not visited. The
+      caller decides from which end of the lists it counts.
+    - `tile`, `start`, `count`: index of each tile of a block, and the first entry and the length of
+      its list in `TileLists`. The last block is padded with tile 0 and a length of 0.
+    - `slot`: index at which each tile stands in the flattened `tile`. It has nothing to do with the
+      slots of chunks.
+    - `needed`: number of steps through all blocks. If it exceeds the capacity, which is the length
+      of `block`, steps are missing.
     """
 
     block: Int[Array, " steps"]
@@ -67,9 +75,9 @@ class Steps(NamedTuple):
 
 
 def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
-    """Cut every tile's list into chunks of `layers` slots.
+    """Cut every tile's list into chunks of `layers` slots, in arrays of `capacity` chunks.
 
-    If more than `capacity` chunks are needed, triangles are missing.
+    If more than `capacity` chunks are needed, triangles are missing (`Chunks.needed`).
     """
     count, tile, index, first, total = materialized(
         functools.partial(_count_chunks, layers=layers, capacity=capacity)
@@ -89,7 +97,10 @@ def _count_chunks(
     Int[Array, " tiles"],
     Int[Array, ""],
 ]:
-    """Compute the fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`."""
+    """Compute the fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`, in this order.
+
+    `list_length` is the number of triangles listed for each tile.
+    """
     count = -(-list_length // layers)
     tile, index = expand(count, capacity)
     total = jnp.sum(count, dtype=jnp.int32)
@@ -104,7 +115,10 @@ def _fill_slots(
     *,
     layers: int,
 ) -> tuple[Int[Array, "chunks layers"], Bool[Array, "chunks layers"], Int[Array, "chunks layers"]]:
-    """Compute the fields `triangle`, `filled` and `entry` of `Chunks`."""
+    """Compute the fields `triangle`, `filled` and `entry` of `Chunks`.
+
+    `total` is the number of chunks that are needed; later ones have empty slots.
+    """
     position = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
     is_used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
     filled = is_used[:, None] & (position < lists.count[tile][:, None])
@@ -113,10 +127,13 @@ def _fill_slots(
 
 
 def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
-    """The chunks of tiles that all list every triangle (`tiles.list_every_triangle`).
+    """Make the chunks of tiles that all list every triangle (`tiles.list_every_triangle`).
 
-    The first slots of a tile stay empty unless the chunks are full: triangles that `pad` appends
-    then fill chunks of their own, and change no sum.
+    - `triangles`, `tiles`: the number of both.
+    - `layers`: number of slots of a chunk.
+
+    If the triangles do not fill a tile's chunks, the first slots stay empty, and not the last:
+    triangles that `pad` appends then fill chunks of their own, and change no sum.
     """
     per_tile = -(-triangles // layers)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
@@ -141,7 +158,7 @@ def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
     """Group tiles into blocks, those with the longest lists first, and list the steps through them.
 
-    If more than `capacity` steps are needed, triangles are missing.
+    The arrays hold `capacity` steps. If more are needed, triangles are missing (`Steps.needed`).
     """
     tiles = lists.count.shape[0]
     order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)

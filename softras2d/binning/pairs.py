@@ -1,11 +1,11 @@
-"""Pairs of a triangle and a tile that it touches, without those that an occluder hides.
+"""List the pairs of a triangle and a tile that it touches, without those that an occluder hides.
 
 In each row of tiles a triangle touches the tiles of one strip (`strips`). Each of these tiles makes
-a pair with the triangle. A pair is hidden if a triangle in front covers the whole tile and is
+a pair with the triangle. A pair is hidden if another triangle in front covers the whole tile and is
 opaque there.
 
-A render runs `find_pairs` on the device and a plan runs it on the host. They differ in how a list
-is expanded: into a fixed number of entries, or into as many as there are.
+A render runs `find_pairs` on the device, where lists are expanded into a fixed number of entries. A
+plan runs it on the host, where lists have as many entries as there are.
 """
 
 import functools
@@ -26,10 +26,11 @@ from .strips import RowEdges, Strips, count_strips, narrow_strips, row_edges
 class Pairs(NamedTuple):
     """Pairs of a triangle and a tile, in the order of the triangles.
 
-    - `triangle`, `tile`: their indices. Hidden pairs and unused entries have the tile
-      `tiling.count`, one past the last.
-    - `covers_tile`: whether the triangle covers the whole tile.
-    - `strip_total`, `pair_total`: number of strips and of pairs, including hidden pairs.
+    - `triangle`, `tile`: index of the triangle and of the tile. Hidden pairs and unused entries
+      have the tile `tiling.count`, one past the last.
+    - `covers_tile`: whether the triangle covers the whole tile; without meaning in unused entries.
+    - `strip_total`, `pair_total`: number of strips and of pairs that the triangles have, including
+      hidden pairs. On the device either may exceed the capacity of its list.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
@@ -49,11 +50,17 @@ def find_pairs(
     expand_pairs: Expand,
     materialize: Callable[[Any], Any] = lambda stage: stage,
 ) -> Pairs:
-    """List the pairs of all triangles.
+    """List the pairs of all triangles, for sampled and for analytic coverage.
 
-    - `is_occluder`: whether nothing shows through the triangle where it covers.
-    - `expand_strips`, `expand_pairs`: expand one entry for each strip, and for each pair.
-    - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`.
+    - `edges`: exact edge functions (`Edges`) under sampled coverage, or edge lines with a margin
+      (`Lines`) under analytic coverage.
+    - `bounds`: the samples that each triangle may reach, by its bounding box. Under analytic
+      coverage they are pixels.
+    - `is_occluder`: whether the triangle is opaque wherever it covers.
+    - `expand_strips`, `expand_pairs`: expand the number of strips of each triangle, and the number
+      of tiles of each strip, into lists.
+    - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`. By
+      default stages are called as they are.
     """
     wrap = functools.partial(_wrap, materialize)
     strip_list = wrap(_expand_strips, tiling=tiling, expand=expand_strips)(bounds)
@@ -69,12 +76,12 @@ def find_pairs(
 def _wrap(
     materialize: Callable[[Any], Any], stage: Callable[..., Any], **fixed: Any
 ) -> Callable[..., Any]:
-    """Fix the static arguments of a stage, and wrap it."""
+    """Fix the keyword arguments `fixed` of a stage, and wrap the result with `materialize`."""
     return materialize(functools.partial(stage, **fixed))
 
 
 def _expand_strips(bounds: SampleBounds, tiling: Tiling, expand: Expand) -> Expansion:
-    """List one entry for each strip; its owner is the triangle."""
+    """List one entry for each strip; its owner is the triangle, its rank the row of tiles."""
     return expand(count_strips(bounds, tiling))
 
 
@@ -94,7 +101,7 @@ def _find_strips(
     strip_list: Expansion,
     tiling: Tiling,
 ) -> Strips:
-    """Find the tiles of each strip."""
+    """Find the tiles of each strip, from the edges of its triangle in its row of tiles."""
     triangle, rank, is_used, _ = strip_list
     return narrow_strips(
         edges, bounds.gather(triangle), is_occluder[triangle], rank, is_used, tiling
@@ -102,9 +109,10 @@ def _find_strips(
 
 
 class _TouchedTiles(NamedTuple):
-    """Pairs before hidden ones are dropped; fields as in `Pairs`.
+    """Pairs before hidden ones are dropped; fields not listed here are as in `Pairs`.
 
-    - `occluded_tile`: `tile` where the triangle hides what is behind it, else one past the last.
+    - `occluded_tile`: equal to `tile` where the triangle hides all that is behind it in the tile,
+      else `tiling.count`, one past the last tile.
     - `total`: number of pairs.
     """
 
@@ -121,7 +129,7 @@ def _expand_pairs(
     tiling: Tiling,
     expand: Expand,
 ) -> _TouchedTiles:
-    """List one entry for each tile of each strip."""
+    """List one pair for each tile of each strip; `strip_triangle` has the triangle of a strip."""
     strip, rank, is_used, total = expand(strips.count)
     xp = strip.__array_namespace__()
     column = strips.first[strip] + rank
@@ -140,7 +148,10 @@ def _drop_hidden(
     triangles: int,
     tiling: Tiling,
 ) -> Int[HostOrDeviceArray, " pairs"]:
-    """Move hidden pairs to the tile one past the last."""
+    """Return `tile`, with `tiling.count`, one past the last tile, for every hidden pair.
+
+    `triangles` is the number of triangles; the other arguments are fields of `_TouchedTiles`.
+    """
     xp = tile.__array_namespace__()
     # The tile one past the last has an entry too, and everything in it is hidden.
     nearest_occluder = xp.full(tiling.count + 1, -1, dtype=xp.int32)

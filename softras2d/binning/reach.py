@@ -1,8 +1,9 @@
-"""Find the tiles that a triangle with soft edges may reach, in floats.
+"""Edge lines and bounding boxes for the tile lists of analytic coverage, in floats.
 
-In the lists of sampled coverage a triangle ends at its edges. Here it extends by `reach` beyond
-them, and covers whole pixels only farther inside than that. The lists need not be exact: the reach
-is increased by a rounding, and a superfluous tile changes no pixel.
+Under sampled coverage a triangle ends at its edges. Under analytic coverage it changes pixels whose
+centres lie up to `reach` pixels outside its edges, and it covers a pixel completely only if the
+centre lies at least as far inside. The lists need not be exact: `reach` is increased by a bound on
+the rounding errors, and a superfluous tile changes no pixel.
 """
 
 from typing import Any, NamedTuple
@@ -14,18 +15,20 @@ from ..geometry.fixed_point import SampleBounds
 from ..numerics.array_types import HostOrDeviceArray
 
 _UNBOUNDED = 2.0**30
-"""Margin, in pixels, of an edge that bounds nothing."""
+"""Margin, in pixels, of an edge that bounds nothing: it has no length, or the sign of the area of
+its triangle is not certain."""
 
 _ROUNDING = 2.0**-20
-"""Relative error of a sum of products in float32; several times larger than the true one."""
+"""Bound on the relative error of a sum of products in float32, several times the true error."""
 
 
 class Line(NamedTuple):
     """Signed distance from the line of one edge of each triangle, in pixels, positive inside.
 
-    - `value`: the distance at the centre of the first pixel; `right`, `down`: its change from pixel
-      to pixel.
-    - `margin`: the width of the soft edge on each side of the line, plus roundings.
+    - `value`: the distance at the centre of the canvas's pixel (0, 0).
+    - `right`, `down`: its change from a pixel to the next one to the right or below.
+    - `margin`: distance up to which coverage may be partial on each side of the line, plus a bound
+      on rounding errors; `_UNBOUNDED` for an edge that bounds nothing.
     """
 
     value: Float[HostOrDeviceArray, " triangles"]
@@ -34,16 +37,16 @@ class Line(NamedTuple):
     margin: Float[HostOrDeviceArray, " triangles"]
 
     def gather(self, triangle: Int[HostOrDeviceArray, "*slots"]) -> "Line":
-        """Gather the entries of some triangles."""
+        """Gather the lines of the triangles with these indices."""
         return Line(*(entry[triangle] for entry in self))
 
     def along(
         self, row: Int[HostOrDeviceArray, " triangles"], rows: int
     ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
-        """Evaluate the line over `rows` rows of pixels, from `row` on.
+        """Evaluate the distance over `rows` rows of pixels, from row `row` of the canvas on.
 
-        Returns its value at the first row, the step right, the change over `rows - 1` rows, and the
-        margin.
+        Returns the distance at the first pixel of the first row, its step right, its change from
+        the first row to the last, and the margin, all in pixels.
         """
         return (
             self.value + self.down * row.astype(self.value.dtype),
@@ -58,10 +61,12 @@ Lines = tuple[Line, Line, Line]
 
 
 class ReachedTriangles(NamedTuple):
-    """Edge lines and bounds of triangles for tile lists.
+    """Edge lines and bounds of triangles, from which their tiles are listed.
 
-    - `area`: twice the signed area.
-    - `orientation`: the sign of the area, 0 for triangles that are not finite.
+    - `bounds`: the pixels that each triangle may change, by its bounding box; empty for a triangle
+      that is not finite.
+    - `area`: twice the signed area, in square pixels.
+    - `orientation`: the sign of the area, -1, 0 or 1; 0 for triangles that are not finite.
     - `finite`: whether all corners are finite.
     """
 
@@ -75,9 +80,10 @@ class ReachedTriangles(NamedTuple):
 def reached_triangles(
     corners: Float[HostOrDeviceArray, "triangles 3 2"], grid: Grid, reach: Any
 ) -> ReachedTriangles:
-    """Compute the lines and bounds of triangles with these corners, in pixels.
+    """Compute the edge lines and bounds of triangles with these corners, in pixels.
 
-    `reach` is a float, in pixels. Works for NumPy and JAX alike.
+    `reach` is how far coverage extends beyond the edges, in pixels; a number or a scalar array.
+    Works for NumPy and JAX alike.
     """
     xp = corners.__array_namespace__()
     f32 = xp.float32
@@ -110,9 +116,12 @@ def _line(
     reach: Any,
     size: float,
 ) -> Line:
-    """Compute the line from `start` to `end` (x, y), for triangles whose area has this sign.
+    """Compute the line of the edge from `start` to `end`, each (x, y) in pixels.
 
-    `size` is the longer side of the canvas in pixels.
+    - `sign`: sign of each triangle's area, which decides on which side of the line the inside is.
+    - `is_sign_certain`: whether that sign is more than a rounding; otherwise the edge bounds
+      nothing.
+    - `size`: the longer side of the canvas, in pixels.
     """
     xp = sign.__array_namespace__()
     f32 = xp.float32
@@ -136,7 +145,11 @@ def _pixel_range(
     reach: Any,
     size: int,
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
-    """First and last of `size` pixels with a centre in low..high extended by `reach`."""
+    """First and last pixel that may have its centre in `low..high`, extended by `reach`.
+
+    All three are in pixels along an axis of `size` pixels. The range may be one pixel too long at
+    either end. It is empty, with a last pixel of -1, where not `finite`.
+    """
     xp = low.__array_namespace__()
     first = xp.clip(xp.floor(low - reach - 0.5), 0.0, float(size)).astype(xp.int32)
     last = xp.clip(xp.ceil(high + reach - 0.5), -1.0, size - 1.0).astype(xp.int32)

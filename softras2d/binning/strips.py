@@ -2,7 +2,8 @@
 
 A triangle is convex, so the tiles that it may touch in a row follow each other, and so do those
 that it covers completely. Each of its three edges bounds both ranges. The bounds are computed in
-floats and rounded to the safe side: too many tiles may be touched, and too few covered.
+floats and rounded to the safe side: the range of touched tiles may be too long, and the range of
+covered tiles too short.
 
 Everything here is written for numpy and jax arrays alike: a plan counts on the host what a render
 lists on the device.
@@ -19,9 +20,11 @@ from .reach import Line
 
 
 class Strips(NamedTuple):
-    """Ranges of tile columns, `first..last` inclusive; a range is empty if `first > last`.
+    """One triangle in one row of tiles: ranges of tile columns, both ends inclusive.
 
-    - `row`: the row of tiles.
+    A range is empty if its first column is greater than its last.
+
+    - `row`: index of the row of tiles.
     - `first`, `last`: tiles that the triangle may touch.
     - `covered_first`, `covered_last`: tiles that the triangle covers completely.
     - `occluded_last`: `covered_last` for an opaque occluder; -1 for other triangles, so that
@@ -37,7 +40,7 @@ class Strips(NamedTuple):
 
     @property
     def count(self) -> Int[HostOrDeviceArray, " strips"]:
-        """Number of tiles that each strip may touch."""
+        """Number of tiles in each strip, which are those that its triangle may touch."""
         xp = self.first.__array_namespace__()
         return xp.maximum(self.last - self.first + 1, xp.zeros_like(self.first))
 
@@ -45,13 +48,13 @@ class Strips(NamedTuple):
 class RowEdge(NamedTuple):
     """An edge function in one row of tiles, as float32, positive inside.
 
-    The unit is that of the edge given: the edge value of an `Edge`, or the distance in pixels of a
-    `Line`.
+    All numbers are edge values if it is made from an `Edge`, and pixels if from a `Line`.
 
-    - `value`: at the first sample of the row.
+    - `value`: the function at sample column 0 of the canvas, in the first sample row of the row of
+      tiles.
     - `right`: change from a sample to the next one to the right.
     - `drop`: change from the first to the last sample row of the row of tiles.
-    - `margin`: `Line.margin`, in pixels; None for an `Edge`, at which coverage ends.
+    - `margin`: `Line.margin`; None for an `Edge`, because sampled coverage ends exactly at it.
     """
 
     value: Float[HostOrDeviceArray, " strips"]
@@ -65,7 +68,10 @@ RowEdges = tuple[RowEdge, RowEdge, RowEdge]
 
 
 def count_strips(bounds: SampleBounds, tiling: Tiling) -> Int[HostOrDeviceArray, " triangles"]:
-    """Number of rows of tiles under the bounding box of each triangle."""
+    """Number of strips of each triangle: the rows of tiles that its bounding box meets.
+
+    It is 0 where the box is empty.
+    """
     xp = bounds.left.__array_namespace__()
     empty = (bounds.left > bounds.right) | (bounds.top > bounds.bottom)
     rows = bounds.bottom // tiling.sample_rows - bounds.top // tiling.sample_rows + 1
@@ -80,8 +86,8 @@ def row_edges(
 ) -> RowEdges:
     """Evaluate the edges of each strip's triangle in the strip's row of tiles.
 
-    `edges` and `bounds` are those of the triangle of each strip. `rank` counts rows of tiles from
-    the top of its bounding box.
+    `edges` and `bounds` are gathered per strip, from its triangle. `rank` is the number of the
+    strip among the strips of its triangle, from 0 at the top of the bounding box.
     """
     row = (bounds.top // tiling.sample_rows + rank) * tiling.sample_rows
     first, second, third = edges
@@ -95,7 +101,7 @@ def row_edges(
 def _row_edge(
     edge: Edge | Line, sample_row: Int[HostOrDeviceArray, " strips"], tiling: Tiling
 ) -> RowEdge:
-    """Evaluate one edge from a row of samples on, for the height of a tile."""
+    """Evaluate one edge in the row of tiles whose first row of samples is `sample_row`."""
     if isinstance(edge, Line):
         return RowEdge(*edge.along(sample_row, tiling.sample_rows))
     xp = sample_row.__array_namespace__()
@@ -112,9 +118,10 @@ def narrow_strips(
     is_used: Bool[HostOrDeviceArray, " strips"],
     tiling: Tiling,
 ) -> Strips:
-    """Find the tiles of each strip; none where not `is_used`.
+    """Find the tiles of each strip; there are none where not `is_used`.
 
-    `edges`, `bounds` and `is_occluder` are those of the triangle of each strip.
+    `edges`, `bounds` and `is_occluder` are gathered per strip, from its triangle; `rank` is as in
+    `row_edges`.
     """
     xp = rank.__array_namespace__()
     columns = tiling.sample_columns
@@ -132,19 +139,19 @@ def narrow_strips(
 
 
 _ANYWHERE = 2.0**20
-"""A tile column beyond every canvas: no limit."""
+"""Tile column that means "no limit", as it lies beyond every canvas."""
 
 _TILE_ERROR = 2.0**-6
-"""Fraction of a tile by which limits are moved to the safe side; larger than roundings."""
+"""Fraction of a tile by which limits are moved to the safe side, larger than rounding errors."""
 
 
 def _tile_limits(
     edge: RowEdge, columns: int
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
-    """Limits that an edge sets to the tiles of a strip; tiles are `columns` samples wide.
+    """Compute the limits that an edge sets to the tiles of a strip, `columns` samples wide each.
 
-    They are the first and the last tile with a sample inside the edge, and then the first and the
-    last tile with no sample outside it.
+    Returns four tile columns: the first and the last tile that may have a sample inside the edge,
+    and then the first and the last tile that certainly have no sample outside it.
     """
     value, right, drop, margin = edge
     xp = value.__array_namespace__()
@@ -170,10 +177,14 @@ def _limits_of(
     lag: float,
     error: float,
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-    """First and last tile in which a value is positive that changes by `step` from tile to tile.
+    """First and last tile of a row in which a value, linear along the row, is not negative.
 
-    If the value grows (`right` > 0), it is taken `lead` tiles after the first sample of each tile;
-    if it falls, `lag` tiles after it. Limits are moved out by `error` tiles.
+    - `value`: the value at the first sample of tile column 0.
+    - `right`: a number with the sign of the change to the right; `step`: the size of the change
+      from tile to tile, positive.
+    - `lead`, `lag`: where the value is taken in each tile, in tiles from the tile's first sample:
+      `lead` if the value grows to the right, `lag` if it falls.
+    - `error`: by how many tiles both limits are moved outwards; inwards if negative.
     """
     xp = value.__array_namespace__()
     # A constant value is positive in all tiles or in none.

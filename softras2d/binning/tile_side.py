@@ -1,4 +1,4 @@
-"""Choose the size of the tiles for analytic coverage.
+"""Choose the side of the square tiles for analytic coverage.
 
 Every pixel of each tile that a triangle reaches is computed. Large tiles compute many pixels that
 small triangles do not reach; small tiles list large triangles many times. For a convex shape of
@@ -15,22 +15,26 @@ import numpy as np
 from ..geometry.canvas_grid import Grid
 
 SIDES = (8, 4)
-"""Sides of a tile to choose from, in pixels."""
+"""Sides of a tile to choose from, in pixels; the first is preferred."""
 
 _SLOT_COST = 8.0
-"""Cost of a listed tile, in pixels computed; measured with 100 to 10,000 triangles."""
+"""Cost of listing a triangle for one more tile, as a number of computed pixels of equal cost.
+
+Measured with 100 to 10,000 triangles.
+"""
 
 _LEAST_SAVING = 2.0**16
-"""Pixels that another side than the first must save per scene.
+"""Number of computed pixels that a side other than the first must save per scene to be chosen.
 
-With this threshold small scenes use the same side, and so share compiled programs.
+With this threshold all small scenes use the same side, and so share compiled programs.
 """
 
 
 def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
-    """Choose the side with the least work for corners `[triangles, 3, 2]` with the given reach.
+    """Choose the tile side, in pixels, with the least total work for all scenes.
 
-    `reach` is how far triangles extend beyond their edges, in pixels.
+    - `scenes`: for each scene the corners of its triangles, `[triangles, 3, 2]` in pixels.
+    - `reach`: how far coverage extends beyond the edges, in pixels.
     """
     work = {side: sum(_work(corners, grid, reach, side) for corners in scenes) for side in SIDES}
     best = min(SIDES, key=lambda side: work[side])
@@ -38,14 +42,18 @@ def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
 
 
 def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
-    """Estimate the work of a scene with tiles of this side, in pixels computed."""
+    """Estimate the work of a scene with tiles of this side, as a number of computed pixels."""
     area, perimeter = _size(corners, grid, reach)
     tiles = area / side**2 + 2.0 / np.pi * perimeter / side + 1.0
     return float(np.sum(tiles) * (side**2 + _SLOT_COST))
 
 
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:
-    """Area and perimeter of each triangle extended by `reach`, at most those of the canvas."""
+    """Area and perimeter, in pixels, of each triangle extended by `reach` on all sides.
+
+    They are limited to the area and perimeter of the canvas. Triangles that are not finite are left
+    out.
+    """
     # Padding has corners that are not finite (`corners_of`), and costs nothing.
     corners = corners[np.isfinite(corners).all((1, 2))]
     clamped = np.clip(corners.astype(np.float64), -(2.0**40), 2.0**40)

@@ -21,12 +21,13 @@ from .reach import Lines
 
 
 class TileLists(NamedTuple):
-    """Triangles of every tile, nearest first, one tile after the other.
+    """The lists of all tiles, one after another; within a list the nearest triangle comes first.
 
-    - `triangle`, `tile`: of each entry; entries beyond the sum of `count` have no meaning.
-    - `start`, `count`: the first entry of each tile, and how many it has.
-    - `strips`, `pairs`: number of strips and of pairs needed, including hidden pairs. Triangles are
-      missing if either exceeds its capacity.
+    - `triangle`, `tile`: index of the triangle and of the tile of each entry. Entries beyond the
+      sum of `count` have no meaning.
+    - `start`, `count`: index of the first entry of each tile's list, and the list's length.
+    - `strips`, `pairs`: number of strips and of pairs that were needed to make the lists, including
+      hidden pairs. Triangles are missing if either exceeds its capacity.
     """
 
     triangle: Int[Array, " pairs"]
@@ -46,10 +47,10 @@ def list_tiles(
     strips: int,
     pairs: int,
 ) -> TileLists:
-    """List the triangles of every tile.
+    """List the triangles of every tile; `edges` and `bounds` are as in `pairs.find_pairs`.
 
-    - `is_occluder`: whether nothing shows through the triangle where it covers.
-    - `strips`, `pairs`: capacities of the lists of both.
+    - `is_occluder`: whether the triangle is opaque wherever it covers.
+    - `strips`, `pairs`: capacities of the lists of strips and of pairs.
     """
     triangles = is_occluder.shape[0]
     listed = find_pairs(
@@ -62,7 +63,7 @@ def list_tiles(
         materialize=materialized,
     )
     start, count = materialized(functools.partial(_count_listed, tiles=tiling.count))(listed.tile)
-    # The greatest triangle index is nearest: it sorts first.
+    # The triangle with the greatest index is nearest, so it is sorted first.
     tile, order = _sort(listed.tile, triangles - 1 - listed.triangle, tiling.count, triangles)
     return TileLists(
         triangles - 1 - order, tile, start, count, listed.strip_total, listed.pair_total
@@ -72,8 +73,9 @@ def list_tiles(
 def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
     """List all triangles for every tile, whether they touch it or not.
 
-    For a few triangles on a small canvas this costs less than to find out, and no positions can
-    need longer lists. The lists are constants, also in a batch of scenes.
+    `triangles` is their number. For a few triangles on a small canvas this costs less than finding
+    out which tiles they touch, and no positions can need longer lists. The lists are constants,
+    also in a batch of scenes. `strips` and `pairs` are 0, as neither list is made.
     """
     entry = jnp.arange(tiling.count * triangles, dtype=jnp.int32)
     return TileLists(
@@ -89,7 +91,10 @@ def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:
-    """Compute the first entry of each tile in the sorted list, and the number of its entries."""
+    """Compute where each tile's list starts after sorting, and its length.
+
+    `tile` is the tile of each pair; pairs of the tile `tiles`, one past the last, are not counted.
+    """
     count = jnp.zeros(tiles + 1, jnp.int32).at[tile].add(1)[:-1]
     return cumulative_sum(count) - count, count
 
@@ -97,9 +102,10 @@ def _count_listed(
 def _sort(
     tile: Int[Array, " pairs"], order: Int[Array, " pairs"], tiles: int, triangles: int
 ) -> tuple[Int[Array, " pairs"], Int[Array, " pairs"]]:
-    """Sort pairs by tile, then by order, which is below `triangles`.
+    """Sort pairs by `tile`, and pairs of one tile by `order`; return both arrays sorted.
 
-    One key sorts several times faster than two, so both are packed into one integer where they fit.
+    Tiles are in `0..tiles` and orders in `0..triangles - 1`. One key sorts several times faster
+    than two, so both are packed into one int32 where they fit.
     """
     if (tiles + 1) * triangles > 2**31:
         tile, order = jax.lax.sort((tile, order), num_keys=2)

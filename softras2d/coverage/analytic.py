@@ -12,7 +12,7 @@ pixel. Each is a `PixelFunction`, which states its derivatives in closed form:
 
 The geometry of a slot is what its pixels share, such as the directions of the edges; it is computed
 once. `evaluate` makes a `PixelFunction` differentiable by autodiff. The jvp and the vjp compute the
-partial derivatives again instead of storing them, only for slots in which some are not 0.
+partial derivatives again instead of storing them, and only for slots in which some are not 0.
 """
 
 import abc
@@ -33,25 +33,30 @@ Geometry = TypeVar("Geometry")
 """Data that the pixels of a slot share: a tree of arrays `[slots]`."""
 
 Coordinates = tuple[Array, Array, Array, Array, Array, Array]
-"""x and y of corners 0, 1 and 2; or a velocity of each, or a derivative by each."""
+"""x and y of corner 0, then of corners 1 and 2, in pixels; or the velocity of each of these six
+coordinates, or the derivative by each."""
 
 Parameter = Any
-"""A number: an array, or the literal that JAX's tracers make of a constant."""
+"""A number on which a `PixelFunction` depends beside the corners, such as the width of soft edges.
+
+It is a scalar array, or the literal that JAX's tracers make of a constant.
+"""
 
 PointValues = Float[Array, "*#points"]
-"""A value at each point; arguments of `PixelFunction` broadcast."""
+"""A value at each of several points; arguments of `PixelFunction` broadcast."""
 
 Values = Array | tuple[Array, ...]
-"""One value at each point, or several as a tuple; `evaluate` stacks them in front."""
+"""One value at each point, or a tuple of several, which `evaluate` stacks along a first axis."""
 
 
 class PixelFunction(eqx.Module, Generic[Geometry]):
-    """A quantity in each pixel that depends on the corners of one triangle.
+    """One or more quantities of a pixel that depend on the corners of one triangle.
 
-    Everything but `vjp` broadcasts: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
-    `[slots]` with one point. Points are in pixels from the upper left of the slot's tile.
+    A pixel is given by its centre (x, y), in pixels from the upper left of the slot's tile. All
+    methods but `vjp` broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
+    `[slots]` with one point.
 
-    - `tile_side`: pixels along the side of a tile.
+    - `tile_side`: side of a tile, in pixels.
     """
 
     tile_side: int = eqx.field(static=True)
@@ -60,7 +65,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def value(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Values:
-        """The quantity, 0..1."""
+        """Compute the quantity, or each of several quantities; all are in 0..1."""
 
     @abc.abstractmethod
     def jvp(
@@ -71,32 +76,36 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
         x: PointValues,
         y: PointValues,
     ) -> Values:
-        """Change of the value for a velocity of the corners."""
+        """Compute the derivative of the value along a `velocity` of the corners."""
 
     @abc.abstractmethod
     def vjp(self, geometry: Geometry, parameter: Parameter, cotangent: Array) -> Coordinates:
-        """The transpose of `jvp`: six sums `[slots]` over the pixels of each slot.
+        """Compute the transpose of `jvp`, summed over the pixels of each slot.
 
-        The cotangent is `[*values, slots, pixels]`, rows of pixels from the top.
+        `cotangent` is `[*values, slots, pixels]`, with rows of pixels from the top. Returns the
+        derivatives by the six coordinates of the corners, each `[slots]`.
         """
 
     def parameter_derivative(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Derivative of the value by the parameter; 0 by default."""
+        """Compute the derivative of the value by the parameter; 0 by default."""
         return jnp.zeros((), x.dtype)
 
     def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
-        """Whether the derivatives are known to be 0, judged by the value alone."""
+        """Whether all derivatives are known to be 0, judged by the value alone.
+
+        By default they are not known to be.
+        """
         return jnp.zeros(value.shape, bool)
 
 
 class AnalyticCoverage(PixelFunction[Geometry]):
-    """The fraction of each pixel that is covered."""
+    """The fraction of each pixel that a triangle covers."""
 
     @abc.abstractmethod
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Distance, in pixels, beyond a triangle's edges at which coverage has fallen to 0."""
+        """Distance of a pixel's centre from a triangle, in pixels, at which coverage reaches 0."""
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -108,8 +117,11 @@ def evaluate(
 ) -> Float[Array, "*values slots pixels"]:
     """Evaluate the function at the pixels of each slot's tile, rows from the top.
 
-    Differentiable by corners and parameter. The geometry is a function of the corners; its own
-    derivative is used only in second derivatives.
+    - `corners`: x and y of each corner in turn, in pixels.
+    - `geometry`: what the function needs to know of the corners, computed from them. Its own
+      derivative is used only in second derivatives.
+
+    Differentiable by corners and parameter.
     """
     return _stack_values(_values(function, geometry, parameter))
 
@@ -150,9 +162,9 @@ def _vjp_where_steep(
     value: Float[Array, "*values slots pixels"],
     cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Compute `PixelFunction.vjp` of the slots in which it may not be 0.
+    """Compute `PixelFunction.vjp` of the slots in which it may not be 0; it is 0 in the others.
 
-    Most slots are hidden or cover their tile.
+    Most slots are hidden, or their triangle covers the whole tile.
     """
     slots = value.shape[-2]
     flags = _may_add_to_vjp(function, value, cotangent)
@@ -175,7 +187,7 @@ def _jvp_where_steep(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Compute `PixelFunction.jvp` of the slots in which it may not be 0."""
+    """Compute `PixelFunction.jvp` of the slots in which it may not be 0; it is 0 in the others."""
 
     def visit(
         block: Int[Array, " block"], total: Float[Array, "*values slots pixels"]
@@ -191,18 +203,18 @@ def _jvp_where_steep(
 def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
-    """Whether a pixel may add to the vjp."""
+    """Whether a pixel may add to the vjp, with a cotangent and a derivative that may not be 0."""
     return _any_value((cotangent != 0) & ~function.is_flat(value))
 
 
 @functools.partial(materialized, static_argnames=("function",))
 def _may_change(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
-    """Whether a pixel's value may change."""
+    """Whether a pixel's value may change as the corners move."""
     return _any_value(~function.is_flat(value))
 
 
 def _any_value(flags: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
-    """Whether any of the values at a pixel is flagged."""
+    """Whether any of the values of each pixel is flagged."""
     return jnp.any(flags.reshape(-1, *flags.shape[-2:]), 0)
 
 
@@ -231,7 +243,7 @@ def _gather_pixels(
 def _put_sums(
     total: Float[Array, "6 slots"], sums: Coordinates, block: Array
 ) -> Float[Array, "6 slots"]:
-    """Write the sums of a block into those of all slots."""
+    """Write the sums of a block of slots into `total`, the sums of all slots."""
     return total.at[:, block].set(jnp.stack(sums), mode="drop")
 
 
@@ -239,7 +251,7 @@ def _put_sums(
 def _put_pixels(
     total: Float[Array, "*values slots pixels"], change: Values, block: Array
 ) -> Float[Array, "*values slots pixels"]:
-    """Write the changes of a block into those of all slots."""
+    """Write the changes of a block of slots into `total`, the changes of all slots."""
     return total.at[..., block, :].set(_stack_values(change), mode="drop")
 
 

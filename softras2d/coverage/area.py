@@ -5,8 +5,8 @@ to the pixel. Along an edge x is linear, so the integral is the height that the 
 pixel times the mean of x clamped to 0..1 over that span: a trapezoid, plus a rectangle where the
 edge is past the right side.
 
-An edge that moves sweeps area at its normal speed. With t from a to b along the part of the edge
-p q that lies in the pixel, the area changes by
+An edge that moves sweeps area at its normal speed. Let t be 0 at the start p of the edge and 1 at
+its end q, and let the part of the edge in the pixel go from t = a to t = b. The area changes by
 
     (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2,
 
@@ -26,19 +26,26 @@ from .edge_lines import EdgeLine, TriangleLines
 from .tile_sums import sum_along_edges
 
 REACH = 0.7072
-"""Pixels from a pixel's centre beyond which an edge does not cut it: half its diagonal."""
+"""Distance from a pixel's centre, in pixels, beyond which an edge does not cut the pixel.
+
+It is half the pixel's diagonal, rounded up.
+"""
 
 _GREATEST_INVERSE = 2.0**60
-"""Greatest inverse of an edge's run or rise; shorter ones have this inverse too."""
+"""Greatest value of one over an edge's run or rise, to which larger ones are clamped."""
 
 
 class ClippedEdge(NamedTuple):
     """An edge clipped to the rows of a slot's tile, in pixels from the tile's upper left.
 
-    - `x`, `y`: where the clipped edge begins; `run`, `rise`: the vector to where it ends.
-    - `inverse_run`, `inverse_rise`: one over these, 0 for 0; `run_per_rise`: their quotient.
-    - `full_run`, `full_rise`: the vector along the whole edge, for derivatives.
-    - `start`, `share`: where on the whole edge, 0..1, the clipped edge begins, and its share of it.
+    - `x`, `y`: the point at which the clipped edge begins.
+    - `run`, `rise`: the vector from there to the point at which it ends.
+    - `inverse_run`, `inverse_rise`: one over run and rise; 0 where these are 0.
+    - `run_per_rise`: run divided by rise; 0 where the rise is 0.
+    - `full_run`, `full_rise`: the vector along the whole edge, for derivatives. For an unsigned
+      area it is reduced where the triangle is degenerate (`clip_outline`).
+    - `start`: how far along the whole edge, 0..1, the clipped edge begins.
+    - `share`: length of the clipped edge as a fraction of the whole edge.
     """
 
     x: Float[Array, "*slots"]
@@ -55,14 +62,14 @@ class ClippedEdge(NamedTuple):
 
 
 Outline = tuple[ClippedEdge, ClippedEdge, ClippedEdge]
-"""The edges of each slot in order."""
+"""The clipped edges 0, 1 and 2 of each slot's triangle."""
 
 
 class AreaCoverage(AnalyticCoverage[Outline]):
     """Exact area of a triangle in each pixel; it has no parameter.
 
-    It is never known to be flat from the value: an edge along the side of a pixel moves into a
-    pixel that is empty or full.
+    Derivatives are never known to be 0 from the value alone: an edge along the side of a pixel can
+    move into a pixel that is empty or full.
     """
 
     def value(
@@ -83,7 +90,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """Area that the edges sweep per unit of time."""
+        """Compute the area that the moving edges sweep per unit of time."""
         total = jnp.zeros_like(x + y)
         for k, edge in enumerate(geometry):
             start, end = normal_speeds(edge, k, velocity)
@@ -100,7 +107,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         return _gradient_of_swept(geometry, swept)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Half the diagonal of a pixel."""
+        """Return half the diagonal of a pixel, in pixels."""
         return jnp.asarray(REACH, jnp.float32)
 
 
@@ -112,10 +119,13 @@ def clip_outline(
     *,
     signed: bool = False,
 ) -> Outline:
-    """The edges of each slot, clipped to the rows of its tile.
+    """Clip the edges of each slot's triangle to the rows of its tile.
 
-    `corners` are x and y of each corner in turn, `tile` the upper left of each slot's tile in
-    pixels and `side` its side.
+    - `corners`: x and y of each corner in turn, in pixels.
+    - `tile`: the upper left of each slot's tile, in pixels.
+    - `lines`: the lines of the same edges.
+    - `side`: the side of a tile, in pixels.
+    - `signed`: whether areas keep their sign, as in a sum.
 
     An unsigned area grows to whichever side a collapsed triangle opens, so it has a kink there; its
     derivative falls to zero with `TriangleLines.thickness`. A `signed` area has no kink.
@@ -144,9 +154,10 @@ def _clip_edge(
     qy: Float[Array, " slots"],
     side: int,
 ) -> ClippedEdge:
-    """The edge from p to q, clipped a pixel above and below the tile.
+    """Clip the edge from p to q one pixel above and below the tile.
 
-    What lies beyond covers nothing in the tile, and far corners are inexact in floats.
+    Coordinates are in pixels from the tile's upper left; `side` is the tile's side. What lies
+    beyond covers nothing in the tile, and far corners are inexact in floats.
     """
     dx, dy = qx - px, qy - py
     rises, is_sloped = dy != 0, line.normal_x != 0
@@ -176,21 +187,22 @@ def _clip_edge(
 def pixel_row_span(
     edge: ClippedEdge, x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array, Array]:
-    """Where the edge begins and ends in the pixel's row, from the upper left of the pixel.
+    """Find where the edge begins and ends within the row of each pixel, given by its centre.
 
-    Returns `(top, bottom, start, end)`: y of both ends clamped to 0..1, and x there, which may be
-    anywhere.
+    Returns `(top, bottom, start, end)` in pixels from the upper left of the pixel. `top` and
+    `bottom` are y of the two ends of the edge, clamped to 0..1. `start` and `end` are x at these
+    two points, which may be outside the pixel.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
     top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
-    # Each from the nearer end point, so that an end in the pixel is not rounded.
+    # Each x is computed from the nearer end point, so that an end in the pixel is not rounded.
     start, end = px + (top - py) * edge.run_per_rise, qx + (bottom - qy) * edge.run_per_rise
     return top, bottom, start, end
 
 
 def _clamped_mean(start: Array, end: Array) -> Array:
-    """Mean of x clamped to 0..1, for x going from `start` to `end`."""
+    """Mean of x clamped to 0..1, as x goes evenly from `start` to `end`."""
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
     extent = end - start
     past_right = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
@@ -199,16 +211,16 @@ def _clamped_mean(start: Array, end: Array) -> Array:
 
 
 def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
-    """The interval of t, 0..1 along the clipped edge, that lies in each pixel.
+    """Find the part of the clipped edge in each pixel, as an interval of t, 0..1 along the edge.
 
-    It is empty where the end is not greater than the start.
+    Returns the start and the end of the interval, which is empty unless the end is greater.
     """
     start, end = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     for begin, inverse in ((px, edge.inverse_run), (py, edge.inverse_rise)):
         moves = inverse != 0
         enter, leave = -begin * inverse, (1.0 - begin) * inverse
-        # An edge that does not move along this axis is within all along, or never.
+        # An edge parallel to the sides of the pixel lies between them all along, or never.
         still_start = jnp.where((begin >= 0) & (begin < 1), 0.0, 2.0)
         start = jnp.maximum(start, jnp.where(moves, jnp.minimum(enter, leave), still_start))
         end = jnp.minimum(end, jnp.where(moves, jnp.maximum(enter, leave), 1.0))
@@ -216,9 +228,9 @@ def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tupl
 
 
 def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
-    """Compute the integrals of 1 and of t along the part of an edge in a pixel.
+    """Compute the integrals of 1 dt and of t dt along the part of an edge in a pixel.
 
-    t is 0 at the start of the whole edge, and 1 at its end.
+    t is 0 at the start of the whole edge, before clipping, and 1 at its end.
     """
     a, b = interval_in_pixel(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.share
@@ -233,7 +245,7 @@ def _weighted_lengths(
 
 
 def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
-    """Speed of both ends of edge k along its outward normal, times the edge's length."""
+    """Speed of the start and of the end of edge k along its outward normal, times its length."""
     start, end = (
         edge.full_rise * velocity[2 * corner] - edge.full_run * velocity[2 * corner + 1]
         for corner in (k, (k + 1) % 3)
@@ -245,7 +257,7 @@ def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Arr
 def passes_tile(
     outline: Outline, side: int
 ) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
-    """Whether each edge, clipped to the tile's rows, may come into the tile itself."""
+    """Whether each edge, clipped to the rows of the tile, may pass through the tile itself."""
     first, second, third = (may_pass_tile(edge, side) for edge in outline)
     return first, second, third
 
@@ -266,7 +278,7 @@ def may_pass_tile(edge: ClippedEdge, side: int) -> Bool[Array, "*slots"]:
 
 @materialized
 def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -> Coordinates:
-    """Derivatives by the corners, from the sums of `_length_in_pixel` of each edge."""
+    """Compute the derivatives by the corners from the weighted sums of `_length_in_pixel`."""
     gradient = [jnp.zeros_like(swept[0][0])] * 6
     for k, edge in enumerate(outline):
         add_edge_gradient(gradient, k, edge, *swept[k])
@@ -277,11 +289,11 @@ def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -
 def add_edge_gradient(
     gradient: list[Array], k: int, edge: ClippedEdge, total: Array, towards_end: Array
 ) -> None:
-    """Add the derivatives by both ends of edge k to those of all corners, in place.
+    """Add the derivatives by both ends of edge k to `gradient`, which is changed in place.
 
-    It is the transpose of `normal_speeds`.
-
-    `total` and `towards_end` are the integrals of a weight over the edge, and of t times it.
+    `gradient` has the derivatives by x and y of each corner in turn. `total` is the integral of a
+    weight over the edge, and `towards_end` the integral of t times the weight. This is the
+    transpose of `normal_speeds`.
     """
     for corner, share in ((k, total - towards_end), ((k + 1) % 3, towards_end)):
         gradient[2 * corner] = gradient[2 * corner] + edge.full_rise * share

@@ -1,9 +1,9 @@
 """Weights of the corners under exact area: at the centroid of the area that a triangle covers.
 
-The mean of a value that is affine on the triangle is its value at the centroid, which is the first
-moments M over the area A. By Green's theorem the moments are sums over directed edges of the
-integrals of x^2 / 2 dy and x y dy, with x clamped to the pixel: over the piece of the edge inside,
-where x is linear, and over the piece past the right side, where x is 1.
+The mean of a value that is affine on the triangle is its value at the centroid. The centroid is the
+first moments M divided by the area A. By Green's theorem the moments are sums over directed edges
+of the integrals of x^2 / 2 dy and x y dy, with x clamped to the pixel: over the piece of the edge
+inside, where x is linear, and over the piece past the right side, where x is 1.
 
 An edge that moves sweeps moments at its normal speed times the points that it sweeps. Weights of
 the corners are affine, w = w_0 + g . x, and change at a fixed point by -g . sum_j w_j dv_j, so that
@@ -34,19 +34,19 @@ from .segment_weights import replace_if_thin
 from .tile_sums import spread, sum_along_edges, sum_over_pixels
 
 _LEAST_AREA = 1e-12
-"""Area in a pixel below which there is no centroid."""
+"""Area in a pixel, in square pixels, up to which the pixel is taken to have no centroid."""
 
 _STEEP = 64.0
-"""Weight gradients, per pixel, count in full up to here, and beyond less the steeper they are.
+"""Steepest gradient of a weight, per pixel, that is used in full; a steeper g becomes 64^2 / g.
 
-Of a triangle of height h the area is about h and known to a rounding e, so that the centroid is
-known to e / h, and the gradient of area times weight to e / h^2. Limited so, the error never
-exceeds 64^2 e.
+The area of a triangle of height h in a pixel is about h, with a rounding error e. So the centroid
+has an error of e / h, and the gradient of the area times the weight one of e / h^2. With this limit
+the error never exceeds 64^2 e.
 """
 
 
 class AreaGeometry(NamedTuple):
-    """Each slot's edges clipped to the tile's rows, and their lines."""
+    """The edges of each slot's triangle, clipped to the rows of the tile, and their lines."""
 
     outline: Outline
     lines: TriangleLines
@@ -55,14 +55,14 @@ class AreaGeometry(NamedTuple):
 class CentroidWeights(PixelFunction[AreaGeometry]):
     """The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
 
-    A pixel that the triangle is not in has the weights at its centre, clamped to 0..1, with zero
+    A pixel without a part of the triangle has the weights at its centre, clamped to 0..1, with zero
     gradient.
     """
 
     def value(
         self, geometry: AreaGeometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """The weights at the centroid, or their limit where a triangle is too thin to have one."""
+        """Compute the weights at the centroid, or their limit if the triangle is too thin."""
         weights = _weights(geometry, _centroid_position(geometry, x, y), x, y)
         outline, lines = geometry
         return replace_if_thin(weights, outline, lines, x, y, self.tile_side)[1:]
@@ -75,7 +75,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         x: PointValues,
         y: PointValues,
     ) -> tuple[Array, ...]:
-        """Change of the weights by what the edges sweep, and at a fixed centroid."""
+        """Sum the changes by what the moving edges sweep and by the weights at a fixed centroid."""
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)
         weights = _weights(geometry, (centroid.x, centroid.y), x, y)
@@ -99,7 +99,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """Sum over the pixels for both weights together: the vjp is linear in their gradients."""
+        """Sum over the pixels for both weights at once, as the vjp is linear in their gradients."""
         x, y, inverse_area = _centroids(geometry, parameter, self.tile_side)
         gx, gy = _weighted_gradient(geometry, inverse_area, cotangent)
         moments = sum_over_pixels(_moments_inside, geometry, parameter, x, y, gx, gy)
@@ -109,9 +109,12 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
 
 
 class _Centroid(NamedTuple):
-    """Area of the triangle in a pixel, and its centroid there, 0..1 from the upper left.
+    """The part of a triangle in a pixel.
 
-    The centroid is the pixel's centre where there is hardly an area, and `exists` is false.
+    - `area`: its area, in square pixels.
+    - `x`, `y`: its centroid, 0..1 from the upper left of the pixel.
+    - `exists`: whether the area is more than `_LEAST_AREA`. Otherwise the centroid is replaced by
+      the pixel's centre.
     """
 
     area: PointValues
@@ -130,7 +133,7 @@ def _centroid(geometry: AreaGeometry, x: PointValues, y: PointValues) -> _Centro
         moves = run != 0
         inverse_run = jnp.where(moves, 1.0 / jnp.where(moves, run, 1.0), 0.0)
         upright = jnp.where(moves, 0.0, 1.0)
-        # Shares of the edge inside and past the right side, and the middle y of both.
+        # Shares of the edge inside the pixel and past its right side, and the middle y of each.
         inside = (b - a) * inverse_run + upright * jnp.where((start >= 0) & (start < 1), 1.0, 0.0)
         past = (jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)) * inverse_run
         past = past + upright * jnp.where(start >= 1, 1.0, 0.0)
@@ -156,7 +159,7 @@ def _centroid_position(
 ) -> tuple[Array, Array]:
     """Compute x and y of the centroid in each pixel.
 
-    They are in memory before the weights of the corners are computed, each of which needs both.
+    They are stored before the weights of the corners are computed, because each weight needs both.
     """
     centroid = _centroid(geometry, x, y)
     return centroid.x, centroid.y
@@ -165,11 +168,11 @@ def _centroid_position(
 def _weights(
     geometry: AreaGeometry, centroid: tuple[Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
-    """Weights of the three corners at the centroid, clamped to 0..1."""
+    """Compute the weights of the three corners at the centroid, each clamped to 0..1."""
     x, y = x - 0.5 + centroid[0], y - 0.5 + centroid[1]
     weights = []
     for k in range(3):
-        # A corner's weight is the distance from the opposite edge over that of the corner.
+        # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
         edge = geometry.lines.edges[(k + 1) % 3]
         distance = edge.distance + edge.normal_x * x + edge.normal_y * y
         weights.append(jnp.clip(distance * edge.inverse_height, 0.0, 1.0))
@@ -178,7 +181,7 @@ def _weights(
 
 
 def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]:
-    """Compute the gradient by x and y of a corner's weight, per pixel, limited by `_STEEP`."""
+    """Compute the derivatives of a corner's weight by x and y, per pixel, limited by `_STEEP`."""
     opposite = geometry.lines.edges[(corner + 1) % 3]
     size = jnp.minimum(
         opposite.inverse_height, _STEEP**2 / jnp.maximum(opposite.inverse_height, _STEEP)
@@ -198,10 +201,10 @@ def _swept_weight(
     center: tuple[Array, Array],
     gradient: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Integrals along an edge, in a pixel, of an affine value and of t times it.
+    """Compute the integrals of v dt and of t v dt along the part of an edge in a pixel.
 
-    The value is 0 at `center`, a point of the pixel, and has the given gradient; t is along the
-    whole edge.
+    v is the affine function that is 0 at `center`, in pixels from the pixel's upper left, and has
+    the given `gradient` by x and y. t is 0 at the start of the whole edge, and 1 at its end.
     """
     a, b = interval_in_pixel(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.share
@@ -225,7 +228,10 @@ def _centroids(
 ) -> tuple[
     Float[Array, "slots pixels"], Float[Array, "slots pixels"], Float[Array, "slots pixels"]
 ]:
-    """x and y of the centroid in every pixel, and one over the area there."""
+    """Compute x and y of the centroid in every pixel, and one over the area there.
+
+    The inverse is 0 where the area is negligible.
+    """
     geometry, _, x, y = spread(geometry, parameter, tile_side)
     centroid = _centroid(geometry, x, y)
     return centroid.x, centroid.y, _inverse_area(centroid)
@@ -237,7 +243,10 @@ def _weighted_gradient(
     inverse_area: Float[Array, "slots pixels"],
     cotangent: Float[Array, "2 slots pixels"],
 ) -> list[Float[Array, "slots pixels"]]:
-    """Gradient by x and by y of the sum of both weights times their cotangents."""
+    """Compute the derivatives by x and by y of the sum of both weights times their cotangents.
+
+    They are 0 where there is no centroid.
+    """
     gradients = [_weight_gradient(geometry, corner) for corner in (1, 2)]
     return [
         jnp.where(
@@ -259,7 +268,11 @@ def _moments_inside(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """Both gradients times 1, and times x and y of the centroid."""
+    """Terms for `sum_over_pixels`: gx times 1, x and y of the centroid, and then gy likewise.
+
+    `gx` and `gy` are the result of `_weighted_gradient`. The centroid is taken in pixels from the
+    tile's upper left.
+    """
     factors = (1.0, x - 0.5 + centroid_x, y - 0.5 + centroid_y)
     return [gradient * factor for gradient in (gx, gy) for factor in factors]
 
@@ -274,7 +287,10 @@ def _terms_along(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """Integrals of the weights over what an edge sweeps, divided by the area."""
+    """Terms for `sum_along_edges`: the integrals of `_swept_weight`, divided by the area.
+
+    `gx` and `gy` are the result of `_weighted_gradient`.
+    """
     gradient = gx * inverse_area, gy * inverse_area
     return list(_swept_weight(edge, x, y, (centroid_x, centroid_y), gradient))
 
@@ -285,7 +301,10 @@ def _gradient_of_sums(
     moments: tuple[Array, ...],
     swept: tuple[tuple[Array, ...], ...],
 ) -> Coordinates:
-    """Derivatives by the corners, from `_moments_inside` and from `_terms_along` each edge."""
+    """Compute the derivatives by the corners from the sums of two kinds of terms.
+
+    `moments` are the sums of `_moments_inside`; `swept` are the sums of `_terms_along` each edge.
+    """
     gradient = [jnp.zeros_like(moments[0])] * 6
     for k, edge in enumerate(geometry.outline):
         add_edge_gradient(gradient, k, edge, *swept[k])

@@ -1,9 +1,10 @@
 """Depth test: which covered samples of a triangle pass it, as coverage words.
 
-Triangles are visited in draw order. A triangle passes at a sample if it lies no deeper than all
-triangles drawn there before; its depth is then the least so far. Only bits are stored. The
-triangles that passed are composited in draw order like any scene, so the last opaque triangle that
-passed is visible. That is the nearest one, and of equally near ones the one drawn later.
+Triangles are visited in draw order. A triangle passes at a sample if it lies no deeper than every
+triangle drawn there before; its depth is then the least so far. Only the bits of the samples that
+passed are stored, and no depths. The triangles that passed are composited in draw order like any
+scene, so the last opaque triangle that passed is visible. It is the nearest one, and of equally
+near ones the one drawn later.
 
 Depth is interpolated affinely on the screen, as z / w is.
 
@@ -35,7 +36,11 @@ from .sampled import gather_words, row_order
 
 
 class Depths(NamedTuple):
-    """Inputs of the depth test; `depth` is per corner, reoriented like `edges`."""
+    """Depth of all triangles as a function of the position on the screen.
+
+    - `planes`: barycentric weights of triangles past the guard band; None if there can be none.
+    - `depth`: depth of each corner, with corners reoriented like `edges`.
+    """
 
     edges: Edges
     planes: WeightPlanes | None
@@ -49,7 +54,10 @@ def keep_nearest(
     steps: Steps,
     tiling: Tiling,
 ) -> UInt32[Array, "pairs rows"]:
-    """Remove the samples that fail the depth test from the coverage words of the listed pairs."""
+    """Remove the samples that fail the depth test from the coverage words of the listed pairs.
+
+    `words` has the coverage words of each entry of `lists`, one for each row of samples of a tile.
+    """
     dtype = depths.depth.dtype
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
 
@@ -82,7 +90,10 @@ def keep_nearest(
 def _gather_words(
     words: UInt32[Array, "pairs rows"], pair: Int[Array, " block"], is_valid: Bool[Array, " block"]
 ) -> UInt32[Array, " lines"]:
-    """Gather the coverage words of a pair of each tile of a block; 0 where its list has ended."""
+    """Gather the coverage words of one pair for each tile of a block, as one array of all lines.
+
+    They are 0 for a tile whose list has ended (`is_valid` is false).
+    """
     return gather_words(words, pair, is_valid).reshape(-1)
 
 
@@ -94,7 +105,10 @@ def _gather_corners(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> tuple[Weights, Float[Array, "3 block"]]:
-    """Gather the terms of the weights, and the depths of the corners, of a block's triangles."""
+    """Gather the terms of the weights and the depths of the corners for a block of tiles.
+
+    `triangle` is the triangle visited in each `tile` of the block; `area` is `twice_area`.
+    """
     weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
     return weights, depths.depth[:, triangle]
 
@@ -103,9 +117,10 @@ def _gather_corners(
 def _depth_at_samples(
     weights: Weights, corner_depth: Float[Array, "3 block"], tiling: Tiling
 ) -> Float[Array, "sample_columns lines"]:
-    """Compute the depth at every sample of a block of tiles.
+    """Compute the depth of one triangle per tile at every sample of a block of tiles.
 
-    A line is a row of samples; the rows of a tile are in `row_order`.
+    A line is a row of samples in one tile. Lines go tile by tile, and the rows of a tile are in
+    `row_order`.
     """
     repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
     weights = weights.map_slots(lambda entry: repeat(entry)[None])
@@ -136,7 +151,7 @@ def _test(
 
 @materialized
 def _pack(passed: Bool[Array, "sample_columns lines"]) -> UInt32[Array, " lines"]:
-    """Pack the results of a line's samples into a word; sample i is bit i."""
+    """Pack the results of each line's samples into a word; sample i is bit i."""
     word = jnp.zeros(passed.shape[1], jnp.uint32)
     for i, bit in enumerate(passed):
         word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
@@ -150,7 +165,10 @@ def _update_least(
     depth: Float[Array, "sample_columns lines"],
     passed: Bool[Array, "sample_columns lines"],
 ) -> Float[Array, "sample_columns lines"]:
-    """Update the least depth with the depth of the samples that passed."""
+    """Replace the least depth so far by the depth of the samples that passed.
+
+    Where `is_first`, a new block starts, and samples that did not pass get infinity.
+    """
     return jnp.where(passed, depth, jnp.where(is_first, jnp.inf, least))
 
 
@@ -158,7 +176,10 @@ def _update_least(
 def depth_at(
     depths: Depths, triangle: Int[Array, "*samples"], sample: Any, tiling: Tiling
 ) -> Float[Array, "*samples"]:
-    """Depth of a triangle's plane at a sample (column, row), whether it is covered or not."""
+    """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
+
+    `sample` is the column and the row on the canvas, one of each for every entry of `triangle`.
+    """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]
 
@@ -170,9 +191,9 @@ def weights_and_depth(
     sample: Any,
     tiling: Tiling,
 ) -> tuple[tuple[Array, Array, Array], Float[Array, "*samples"]]:
-    """Weights of the corners of a triangle's plane at a sample (column, row), and its depth there.
+    """Barycentric weights of a triangle's corners at a sample, and the depth of its plane there.
 
-    `area` is `twice_area`. The sample need not be covered.
+    `area` is `twice_area`; `sample` is as in `depth_at`. The triangle need not cover the sample.
     """
     # Samples of the first tile are counted from the corner of the canvas.
     tile = jnp.zeros_like(triangle)
@@ -184,7 +205,10 @@ def weights_and_depth(
 def depth_on_edge(
     depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Depth on edge `3 triangle + side` of a triangle, the fraction `t` (0..1) along it."""
+    """Depth at a point of an edge, the fraction `t` (0..1) along it.
+
+    `edge` is 3 times the index of a triangle, plus the number of its side, 0..2.
+    """
     return _depth_on_edge(depths.depth, edge, t)
 
 
@@ -192,7 +216,7 @@ def depth_on_edge(
 def _depth_on_edge(
     depth: Float[Array, "3 triangles"], edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Interpolate depth between the ends of an edge."""
+    """Interpolate depth between the ends of an edge; arguments are as in `depth_on_edge`."""
     # Flatten `[3, triangles]` to the order of the edges.
     start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
     return start[None] + t * (end - start)[None]

@@ -1,7 +1,7 @@
 """Lines of a triangle's edges relative to a tile, accurate however far away the corners lie.
 
-The last bit of a float32 coordinate a million pixels away is worth a tenth of a pixel. Such a
-corner is simply where its coordinates say, but a float product of two of them loses all digits
+The last bit of a float32 coordinate a million pixels away is worth about a tenth of a pixel. The
+coordinates of such a corner are taken as exact, but a float product of two of them loses all digits
 that matter near the tile. So the distance of the tile from each line is a cross product in twice
 the precision, computed once for each slot; pixels then add small steps to it.
 """
@@ -16,14 +16,16 @@ from ..numerics.double_float import Pair, product_of, sum_of
 
 
 class EdgeLine(NamedTuple):
-    """One edge of each slot, from corner k to corner k + 1, in pixels.
+    """One edge of each slot's triangle, from corner k to corner k + 1, in pixels.
 
-    - `distance`: of the tile's upper left from the edge's line, positive inside the triangle. Per
-      pixel it grows by (`normal_x`, `normal_y`), the unit normal that points inwards.
-    - `after_start`, `after_end`: how far along the edge the tile's upper left lies past the edge's
-      start, and past its end. Per pixel they grow by (`normal_y`, -`normal_x`).
-    - `inverse_length`: one over the edge's length, `inverse_height`: one over the distance of the
-      third corner from it; 0 where these are 0.
+    - `distance`: signed distance of the tile's upper left from the edge's line, positive inside the
+      triangle. It grows by (`normal_x`, `normal_y`) per pixel to the right and down.
+    - `normal_x`, `normal_y`: the unit normal of the edge that points into the triangle.
+    - `after_start`, `after_end`: how far the tile's upper left lies past the edge's start, and past
+      its end, measured along the edge. Both grow by (`normal_y`, -`normal_x`) per pixel.
+    - `inverse_length`: one over the edge's length; 0 for an edge of no length.
+    - `inverse_height`: one over the distance of the third corner from the edge's line; 0 for a
+      triangle without area.
 
     An edge of no length is taken to run to the right.
     """
@@ -38,20 +40,22 @@ class EdgeLine(NamedTuple):
 
 
 CornerValues = tuple[Array, Array, Array]
-"""A number for each corner, `[slots]`."""
+"""A number for each of the three corners, each `[slots]`."""
 
 CornerMatrix = tuple[CornerValues, CornerValues, CornerValues]
-"""Three numbers for each corner, `[slots]`."""
+"""A row of three numbers for each of the three corners, each `[slots]`."""
 
 
 class TriangleLines(NamedTuple):
     """The three edge lines of each slot, and how degenerate its triangle is.
 
+    - `first`, `second`, `third`: the lines of edges 0, 1 and 2.
     - `has_area`: whether the corners enclose an area.
-    - `thickness`: 1 for triangles whose height is at least a few float roundings; below, it falls
-      with the height, down to 0 for triangles without area.
-    - `mixing`: row k holds the weights with which corners 0, 1 and 2 move where formulas say that
-      corner k moves. It is the identity where `thickness` is 1; see `_corner_mixing`.
+    - `thickness`: 1 for triangles whose height over the longest edge is at least a few float
+      roundings. Below, it falls in proportion to the height, down to 0 for triangles without area.
+    - `mixing`: row k has three weights. In derivatives, the velocity of corner k is replaced by the
+      sum of the velocities of corners 0, 1 and 2 with these weights. Row k is 1 for corner k and 0
+      for the others where `thickness` is 1 (`_corner_mixing`).
     """
 
     first: EdgeLine
@@ -63,16 +67,17 @@ class TriangleLines(NamedTuple):
 
     @property
     def edges(self) -> tuple[EdgeLine, EdgeLine, EdgeLine]:
-        """The edges in order."""
+        """The lines of edges 0, 1 and 2."""
         return self.first, self.second, self.third
 
 
 def triangle_lines(
     corners: Float[Array, "6 slots"], tile: Float[Array, "2 slots"]
 ) -> TriangleLines:
-    """Edge lines of positively oriented triangles.
+    """Compute the edge lines of triangles that are positively oriented.
 
-    `corners` are x and y of each corner in turn, `tile` is the upper left of each slot's tile.
+    `corners` are x and y of each corner in turn, and `tile` is x and y of the upper left of each
+    slot's tile, all in pixels.
     """
     points = [(corners[2 * k], corners[2 * k + 1]) for k in range(3)]
     to_tile = [tuple(map(_difference, tile, point)) for point in points]
@@ -110,10 +115,10 @@ def triangle_lines(
 
 
 ROUNDING = 2.0**-17
-"""Pixels within which no distance from an edge is known in float32: a few roundings in a tile."""
+"""Error, in pixels, of a float32 distance from an edge: a few roundings of a position in a tile."""
 
 _RELATIVE_ROUNDING = 2.0**-22
-"""Height within which a triangle's thickness is unknown, over the length of its longest edge."""
+"""Error of a triangle's height in float32, as a fraction of the length of its longest edge."""
 
 
 def _corner_mixing(
@@ -122,15 +127,19 @@ def _corner_mixing(
     least_height: Float[Array, " slots"],
     thickness: Float[Array, " slots"],
 ) -> CornerMatrix:
-    """Weights with which the corners of a degenerate triangle stand in for each other.
+    """Compute `TriangleLines.mixing`: how degenerate triangles share out corner derivatives.
+
+    - `directions`: the vector along each edge, in pixels; `lengths`: their lengths.
+    - `least_height`: height of a triangle, in pixels, from which down it counts as degenerate.
+    - `thickness`: `TriangleLines.thickness`.
 
     A triangle that collapses to a segment has two boundaries there, one through the middle corner
     and one past it, and its image has a kink: which boundary is nearer to a pixel depends on the
     side to which the middle corner moves, and in the end on a rounding. So from `least_height`
     down, the middle corner's derivative is handed over to the ends of the segment, in proportion
     to where it lies between them. Likewise corners closer to each other than `least_height` share
-    their derivatives equally. Derivatives then have the same limit from both orientations, which
-    is that of the distance to the segment, whichever edge was chosen.
+    their derivatives equally. Derivatives then have the same limit from both orientations, the
+    derivative of the distance to the segment, whichever edge was chosen.
     """
     one, zero = jnp.ones_like(thickness), jnp.zeros_like(thickness)
     # Corners k and k + 1 are as close as edge k is short.
@@ -167,7 +176,7 @@ def _corner_mixing(
 
 
 def mix_velocity(mixing: CornerMatrix, velocity: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Velocities of the corners, x and y of each in turn, mixed by `TriangleLines.mixing`."""
+    """Mix the velocities of the corners by `TriangleLines.mixing`; x and y of each come in turn."""
     return tuple(
         row[0] * velocity[axis] + row[1] * velocity[2 + axis] + row[2] * velocity[4 + axis]
         for row in mixing
@@ -178,7 +187,7 @@ def mix_velocity(mixing: CornerMatrix, velocity: tuple[Array, ...]) -> tuple[Arr
 def mix_gradient(
     mixing: CornerMatrix, gradient: tuple[Array, ...]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Transpose of `mix_velocity`: derivatives by the corners, x and y of each in turn."""
+    """Apply the transpose of `mix_velocity` to derivatives by x and y of each corner in turn."""
     first, second, third, fourth, fifth, sixth = (
         mixing[0][corner] * gradient[axis]
         + mixing[1][corner] * gradient[2 + axis]
@@ -205,7 +214,7 @@ def _dot(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Array:
 
 
 def _sum_of_products(a: Pair, b: Pair, c: Pair, d: Pair, sign: float) -> Array:
-    """a b + sign c d, rounded once."""
+    """Compute a b + sign c d for double floats, rounded once to a float; `sign` is 1 or -1."""
     first, first_low = product_of(a[0], b[0])
     second, second_low = product_of(sign * c[0], d[0])
     high, low = _difference(first, -second)

@@ -1,4 +1,4 @@
-"""Weights of the corners under soft coverage: those at the nearest point of the triangle.
+"""Weights of the corners under soft coverage, taken at the nearest point of the triangle.
 
 Inside the triangle that point is the pixel's centre x itself. Beside an edge from p to q of length
 L and direction u, where x is d in front of the edge, it lies t = (x - p) . u / L along it, and
@@ -10,7 +10,7 @@ while around a corner it is the corner. Inside, the weights at a fixed point cha
 moments of each case give the sums over pixels.
 
 The corners of a triangle thinner than a few roundings stand in for each other, see `edge_lines`:
-otherwise a rounding would choose between the values of one corner and those of the others.
+otherwise a rounding would choose from which corner a pixel gets its values.
 """
 
 import functools
@@ -28,15 +28,15 @@ from .tile_sums import spread, sum_moments
 class NearestWeights(PixelFunction[TriangleLines]):
     """The weights of corners 1 and 2 at the point of the triangle nearest to a pixel's centre.
 
-    A triangle without area has them at the nearest point of its edges. The gradient of the weights
-    of triangles thinner than a pixel is clamped to one per pixel: the pixel's centre stands for
+    For a triangle without area it is the nearest point of the edges. In triangles thinner than a
+    pixel the gradient of a weight is clamped to 1 per pixel, because the pixel's centre stands for
     more area than the triangle has.
     """
 
     def value(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """The weights, mixed where corners stand in for each other."""
+        """Compute the weights, mixed where corners of a thin triangle stand in for each other."""
         near = nearest_point(geometry, x, y)
         _, second, third = _weights(near, geometry)
         by_first, by_second, by_third = geometry.mixing
@@ -56,7 +56,7 @@ class NearestWeights(PixelFunction[TriangleLines]):
         x: PointValues,
         y: PointValues,
     ) -> tuple[Array, ...]:
-        """Change of the weights at a fixed pixel."""
+        """Compute the change of the weights at a fixed pixel."""
         near = nearest_point(geometry, x, y)
         weights = _weights(near, geometry)
         mixed = mix_velocity(geometry.mixing, velocity)
@@ -97,10 +97,10 @@ class NearestWeights(PixelFunction[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """The sums by four cases: beside edge 0, 1, 2, or inside."""
+        """Sum over the pixels in four cases: beside edge 0, 1 or 2, or inside."""
         case = _case(geometry, parameter, self.tile_side)
         second, third = _unmix_cotangent(geometry, cotangent)
-        # Along an edge the weight of its end grows as much as that of its start falls.
+        # Along an edge the weight of its end grows as much as the weight of its start falls.
         weighted_cases = [
             (0, second),
             (1, third - second),
@@ -112,12 +112,12 @@ class NearestWeights(PixelFunction[TriangleLines]):
 
 
 _INSIDE, _AROUND_CORNER = 3, 4
-"""Cases after those beside edge 0, 1 and 2."""
+"""Numbers of two cases of a pixel. The cases beside edge 0, 1 and 2 have the edge's number."""
 
 
 def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
-    """Weights of the three corners at a point, or at the nearest point of the triangle."""
-    # A corner's weight is the distance from the opposite edge over that of the corner.
+    """Compute the weights of the three corners at the point of the triangle nearest to a point."""
+    # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     opposite = (1, 2, 0)
     within = [
         jnp.clip(near.distances[k] * lines.edges[k].inverse_height, 0.0, 1.0) for k in opposite
@@ -130,12 +130,18 @@ def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Ar
 
 
 def _is_inside(near: NearestPoint, lines: TriangleLines) -> Array:
-    """Whether the point itself counts: across a thinner triangle it is known to no digit."""
+    """Whether the nearest point of the triangle is the point itself, as it lies inside.
+
+    It is never so for a triangle thinner than a few roundings, across which no position is known.
+    """
     return near.is_inside & (lines.thickness >= 1)
 
 
 def _weight_gradient(lines: TriangleLines, corner: int) -> tuple[Array, Array]:
-    """Gradient of a corner's weight inside; clamped, see `NearestWeights`."""
+    """Compute the derivatives by x and y of a corner's weight inside the triangle, per pixel.
+
+    Their length is clamped to 1, as `NearestWeights` says.
+    """
     opposite = lines.edges[(corner + 1) % 3]
     size = jnp.minimum(opposite.inverse_height, 1.0)
     return opposite.normal_x * size, opposite.normal_y * size
@@ -145,7 +151,7 @@ def _weight_gradient(lines: TriangleLines, corner: int) -> tuple[Array, Array]:
 def _case(
     lines: TriangleLines, parameter: Parameter, tile_side: int
 ) -> Float[Array, "slots pixels"]:
-    """The nearest edge of every pixel, 0..2, or whether it is inside or around a corner."""
+    """Find the case of every pixel: its nearest edge, 0..2, `_INSIDE` or `_AROUND_CORNER`."""
     lines, _, x, y = spread(lines, parameter, tile_side)
     near = nearest_point(lines, x, y)
     outside = jnp.where(is_around_corner(near), float(_AROUND_CORNER), near.edge)
@@ -156,7 +162,7 @@ def _case(
 def _unmix_cotangent(
     lines: TriangleLines, cotangent: Float[Array, "2 slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Cotangents of the weights before they were mixed."""
+    """Compute the cotangents of the weights of corners 1 and 2 before they were mixed."""
     rows = [[entry[:, None] for entry in row] for row in lines.mixing]
     second, third = cotangent
     return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
@@ -164,7 +170,11 @@ def _unmix_cotangent(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 5 3"]) -> Coordinates:
-    """Derivatives by the corners from the moments of `NearestWeights.vjp`."""
+    """Compute the derivatives by the corners from the moments of `NearestWeights.vjp`.
+
+    The second axis of `moments` has the five entries of `weighted_cases` there, the third the sums
+    of the weights times 1, x and y.
+    """
     gradient = [jnp.zeros_like(lines.first.distance)] * 6
 
     def add(corner: int, x: Array, y: Array) -> None:

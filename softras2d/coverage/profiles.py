@@ -1,7 +1,8 @@
 """Profiles of soft coverage: smooth steps as functions of the signed distance from an edge.
 
-A profile is 1/2 at the edge, and 0.9 and 0.1 at +-1/2 widths. It reaches 1 and 0 at a finite
-support: a logistic is cut there, and rescaled so that no step is left.
+A profile is 1/2 at the edge, 0.9 half a width inside it and 0.1 half a width outside. It reaches 1
+and 0 at a finite distance, its support: a logistic is cut there, and rescaled so that no step is
+left.
 
 **Source:** Liu, Li, Chen and Li, *Soft Rasterizer* (ICCV 2019), section 3.2, equation 1, for the
 logistic in the squared distance.
@@ -13,12 +14,12 @@ from typing import Any
 import jax.numpy as jnp
 
 _TAIL = 6.0
-"""Argument at which a logistic is cut; it is within 0.0025 of its limit there."""
+"""Argument z of 1 / (1 + e^-z) at which it is cut; it is within 0.0025 of its limit there."""
 
 _REST = 1.0 / (1.0 + math.exp(_TAIL))
 _NINETY = 0.9 - 0.8 * _REST
 _LOGIT = math.log(_NINETY / (1.0 - _NINETY))
-"""Argument at which the cut and rescaled logistic is 0.9."""
+"""Argument z at which the cut and rescaled logistic is 0.9."""
 
 # 3 u^2 - 2 u^3 = 0.9, by the trigonometric solution of the cubic.
 _WINDOW = 0.5 + math.sin(math.asin(0.8) / 3)
@@ -28,11 +29,14 @@ SUPPORT = {
     "softras": 0.5 * math.sqrt(_TAIL / _LOGIT),
     "window": 0.25 / (_WINDOW - 0.5),
 }
-"""Distance from the edge, in widths, at which each profile reaches 0 and 1."""
+"""Distance from the edge, in widths, at which each profile reaches 0 outside and 1 inside."""
 
 
 def step(profile: str, q: Any) -> Any:
-    """Evaluate the profile at a signed distance of q widths."""
+    """Evaluate the profile, 0..1, at a signed distance of q widths from the edge, positive inside.
+
+    `profile` is `Soft.profile`.
+    """
     if profile == "window":
         u = jnp.clip(0.5 + q * (0.5 / SUPPORT["window"]), 0.0, 1.0)
         return u * u * (3.0 - 2.0 * u)
@@ -41,7 +45,7 @@ def step(profile: str, q: Any) -> Any:
 
 
 def slope(profile: str, q: Any) -> Any:
-    """Derivative of `step` by q; it is 0 from the support on."""
+    """Evaluate the derivative of `step` by q; it is 0 beyond the support."""
     if profile == "window":
         scale = 0.5 / SUPPORT["window"]
         u = jnp.clip(0.5 + q * scale, 0.0, 1.0)

@@ -1,13 +1,15 @@
-"""Sampled coverage: one bit per sample, and one coverage word per row of a tile.
+"""Sampled coverage: one bit per sample, and one coverage word per row of samples of a tile.
 
-A triangle is convex, so each edge admits the samples of a row from some position onwards, or up to
-some position. This position is guessed in floats and corrected by one integer test. Each edge gives
-a mask of ones that starts or ends there, and the AND of the three masks is the row. Samples that
-nearer triangles cover are removed by OR and AND NOT. Whether a sample exactly on an edge is inside
-(`fill_rule`) is already in the edge functions: `fixed_point.edge_functions`.
+A *coverage word* is a 32-bit word in which bit i tells whether a triangle covers sample i of a row.
+An edge admits the samples of a row from some position onwards, or up to some position. This
+position is guessed in floats and corrected by one integer test. Each edge gives a mask of ones that
+starts or ends there, and the AND of the three masks is the row. Samples that nearer triangles cover
+are removed by OR and AND NOT. Whether a sample exactly on an edge is inside (`fill_rule`) is
+already decided by the edge functions (`fixed_point.edge_functions`).
 
-Rows of a tile are stored sub-row by sub-row: the first row of every pixel row, then the second, and
-so on. Rows of one pixel are then a fixed stride apart, and sums over them add whole vectors.
+The rows of samples of a tile are stored sub-row by sub-row: first the uppermost row of samples of
+every row of pixels, then the second of every row of pixels, and so on. The rows of one pixel are
+then a fixed stride apart, and sums over them add whole vectors.
 """
 
 import functools
@@ -30,7 +32,7 @@ roundings of a quotient below 64."""
 
 
 def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDeviceArray:
-    """Find the least i in 0..32 with `value + i step >= 0`, or more than 31 if there is none.
+    """Find the least i in 0..31 with `value + i step >= 0`; 32 or 33 if there is none.
 
     Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the
     rounding of the float division.
@@ -51,7 +53,7 @@ def ones_from(bit: HostOrDeviceArray) -> HostOrDeviceArray:
 
 
 def edge_word(value: HostOrDeviceArray, right: HostOrDeviceArray) -> HostOrDeviceArray:
-    """Make words of the samples i of a row at which `value + i right >= 0`."""
+    """Make words in which bit i is set where `value + i right >= 0`, for i in 0..31."""
     # With a negative step, the samples from some position on are outside: -1 - v + i |step| >= 0.
     flip = right >> 31
     xp = value.__array_namespace__()
@@ -63,12 +65,15 @@ def gather_words(
     pair: Int[Array, "*entries"],
     is_valid: Bool[Array, "*entries"],
 ) -> UInt32[Array, "*entries rows"]:
-    """Gather the coverage words of listed pairs; 0 where an entry is not valid."""
+    """Gather the coverage words of the pairs with these indices; 0 where not `is_valid`."""
     return jnp.where(is_valid[..., None], words.at[pair].get(mode="clip"), jnp.uint32(0))
 
 
 def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
-    """Sample row of the tile for each position of a coverage mask, which is ordered by sub-row."""
+    """Row of samples, counted from the top of the tile, at each position of the axis of words.
+
+    Rows are stored sub-row by sub-row. `xp` is `numpy` or `jax.numpy`.
+    """
     position = xp.arange(tiling.sample_rows, dtype=xp.int32)
     return (position % tiling.height) * tiling.grid.rate + position // tiling.height
 
@@ -76,9 +81,12 @@ def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
 class TriangleInTile(NamedTuple):
     """Edges and bounding box of each slot's triangle, with samples counted from the slot's tile.
 
-    - `edges`: for each edge its value at the tile's first sample, and its steps right and down.
-    - `columns`: the columns of the bounding box, as a word; 0 in slots that are not filled.
-    - `top`, `bottom`: the first and last row of the bounding box.
+    - `edges`: for each edge its value at the tile's first sample, clamped to +-2^30, and its steps
+      right and down.
+    - `columns`: the columns of the bounding box that lie in the tile, as a word with bit i for
+      column i; 0 in slots that are not filled.
+    - `top`, `bottom`: the first and the last row of the bounding box, which may lie outside the
+      tile.
     """
 
     edges: list[tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]]
@@ -95,7 +103,10 @@ def coverage_words(
     filled: Bool[Array, "*slots"],
     tiling: Tiling,
 ) -> UInt32[Array, "*slots rows"]:
-    """Compute the samples of each slot's tile that its triangle covers, hidden ones too."""
+    """Compute the coverage words of each slot: all samples of its tile that its triangle covers.
+
+    Samples that nearer triangles hide are set too. Slots that are not `filled` have words of 0.
+    """
     gather = materialized(functools.partial(triangle_in_tile, tiling=tiling))
     draw = materialized(functools.partial(rasterize, tiling=tiling))
     return draw(gather(edges, bounds, triangle, tile, filled))
@@ -109,7 +120,10 @@ def triangle_in_tile(
     filled: Bool[HostOrDeviceArray, "*slots"],
     tiling: Tiling,
 ) -> TriangleInTile:
-    """Gather the edges and the bounding box of each slot's triangle, for numpy and jax alike."""
+    """Gather the edges and the bounding box of each slot's triangle, relative to its tile.
+
+    For numpy and jax alike.
+    """
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
     slot_edges = [edge.gather(triangle) for edge in edges]
@@ -125,7 +139,7 @@ def triangle_in_tile(
 def rasterize(
     triangles: TriangleInTile, tiling: Tiling
 ) -> UInt32[HostOrDeviceArray, "*slots rows"]:
-    """Compute the coverage words of each slot, for numpy and jax alike."""
+    """Compute the coverage words of each slot, in `row_order`, for numpy and jax alike."""
     edges, columns, top, bottom = triangles
     xp = columns.__array_namespace__()
     row = row_order(tiling, xp).reshape((1,) * columns.ndim + (-1,))
@@ -139,10 +153,11 @@ def rasterize(
 def remove_hidden(
     words: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int
 ) -> tuple[UInt32[Array, "chunks layers rows"], UInt32[Array, "chunks rows"]]:
-    """Remove from each slot the samples that nearer slots of the tile cover.
+    """Remove from the coverage words of each slot the samples that nearer slots of its tile cover.
 
-    Also returns, for each chunk, the samples that it and the chunks before it in its tile cover.
-    `max_chunks` is an upper bound on the number of chunks of a tile.
+    Returns the words that are left, and for each chunk the words of all samples that it or the
+    chunks before it in its tile cover. `max_chunks` is an upper bound on the number of chunks of a
+    tile.
     """
     # Inclusive OR over the chunks of a tile, in log steps (Hillis and Steele 1986).
     covered = _union(words)
@@ -155,7 +170,7 @@ def remove_hidden(
 
 @materialized
 def _union(words: UInt32[Array, "chunks layers rows"]) -> UInt32[Array, "chunks rows"]:
-    """Join the slots of each chunk by OR."""
+    """Join the coverage words of the slots of each chunk by OR."""
     total = words[:, 0]
     for k in range(1, words.shape[1]):
         total = total | words[:, k]
@@ -166,7 +181,7 @@ def _union(words: UInt32[Array, "chunks layers rows"]) -> UInt32[Array, "chunks 
 def _or_before(
     covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], reach: int
 ) -> UInt32[Array, "chunks rows"]:
-    """Join each chunk by OR with the chunk `reach` before it, if that is in the same tile."""
+    """Join each chunk by OR with the one `reach` chunks before it, if it is in the same tile."""
     before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
     return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))
 
@@ -177,7 +192,10 @@ def _visible(
     covered: UInt32[Array, "chunks rows"],
     index: Int[Array, " chunks"],
 ) -> UInt32[Array, "chunks layers rows"]:
-    """Remove from each slot what the chunks before its own, and the slots before it, cover."""
+    """Remove from each slot the samples that earlier chunks of its tile or earlier slots cover.
+
+    `covered` has the samples that each chunk and the chunks before it in its tile cover.
+    """
     front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
     front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))
     visible = []

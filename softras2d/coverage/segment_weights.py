@@ -37,9 +37,10 @@ segment because a pixel's sides cut a triangle that is not quite flat at an angl
 class _Segment(NamedTuple):
     """The longest edge of each slot's triangle.
 
-    - `edge`: the edge, clipped to the tile's rows; `number`: its index, 0..2.
+    - `edge`: the edge, clipped to the rows of the tile.
+    - `number`: index of the edge, 0..2, as a float.
     - `foot`: where the perpendicular from the middle corner meets the edge, 0..1 along it.
-    - `thinness`: share of the weights that is taken from the segment, 0..1.
+    - `thinness`: how much of the weights is taken from the segment: 0 for none, 1 for all.
     """
 
     edge: ClippedEdge
@@ -56,7 +57,10 @@ def replace_if_thin(
     y: PointValues,
     tile_side: int,
 ) -> tuple[Array, Array, Array]:
-    """Replace the weights at the centroid by those of the segment where triangles are thin.
+    """Replace the weights at the centroid by the weights of the segment where triangles are thin.
+
+    - `weights`: weights of corners 0, 1 and 2 at the centroid.
+    - `x`, `y`: centres of the pixels, in pixels from the tile's upper left.
 
     It costs next to nothing if no triangle is thin.
     """
@@ -75,7 +79,7 @@ def replace_if_thin(
 
 
 def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Segment:
-    """The longest edge; the first of equally long ones."""
+    """Find the longest edge of each slot's triangle; the first of equally long ones."""
     edges = lines.edges
     lengths = [
         safe.divide(jnp.ones_like(edge.inverse_length), edge.inverse_length) for edge in edges
@@ -107,7 +111,10 @@ def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Se
 def _segment_weights(
     segment: _Segment, at_centroid: tuple[Array, Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
-    """Weights of the three corners in each pixel; `at_centroid` where the segment is not in it."""
+    """Compute the weights of the three corners over the part of the segment in each pixel.
+
+    A pixel in which the segment does not lie has the weights `at_centroid`.
+    """
     enter, leave = interval_in_pixel(segment.edge, x, y)
     start = segment.edge.start + segment.edge.share * enter
     end = segment.edge.start + segment.edge.share * leave

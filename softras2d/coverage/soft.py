@@ -28,9 +28,11 @@ from .tile_sums import spread, sum_moments
 
 
 class SoftCoverage(AnalyticCoverage[TriangleLines]):
-    """Soft coverage; its parameter is the width in pixels, its geometry the edge lines.
+    """Soft coverage of a pixel, from the signed distance of its centre to the triangle.
 
-    - `profile`: as `Soft.profile`.
+    Its parameter is the width of the soft edge, in pixels; its geometry is the `TriangleLines`.
+
+    - `profile`: `Soft.profile`.
     """
 
     profile: str = eqx.field(static=True)
@@ -38,7 +40,7 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
     def value(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """The profile at the signed distance to the triangle."""
+        """Evaluate the profile at the signed distance to the triangle."""
         return step(self.profile, _signed_distance(nearest_point(geometry, x, y)) / parameter)
 
     def jvp(
@@ -49,7 +51,10 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """The velocity of the nearest point, along the direction of the distance."""
+        """Take the velocity of the nearest point along the direction of the distance.
+
+        The change of coverage is this speed times the growth rate of the pixel's case.
+        """
         near = nearest_point(geometry, x, y)
         edge_rate, corner_rate = _growth_rates(self.profile, geometry, near, parameter)
         mixed = mix_velocity(geometry.mixing, velocity)
@@ -79,7 +84,7 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "slots pixels"],
     ) -> Coordinates:
-        """The sums by six cases: beside edge 0, 1, 2, or around corner 0, 1, 2.
+        """Sum over the pixels in six cases: beside edge 0, 1 or 2, or around corner 0, 1 or 2.
 
         A pixel beside an edge has the edge's direction, and t is linear in x and y along it. A
         pixel around a corner has the direction from the corner. So three moments of each case are
@@ -94,31 +99,33 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
     def parameter_derivative(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Derivative of coverage by the width."""
+        """Compute the derivative of coverage by the width, per pixel."""
         q = _signed_distance(nearest_point(geometry, x, y)) / parameter
-        # From the support on the slope is 0, and q may be past all bounds.
+        # Beyond the support the slope is 0, and q may be as large as to overflow.
         bound = SUPPORT[self.profile]
         return -slope(self.profile, q) * jnp.clip(q, -bound, bound) / parameter
 
     def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
-        """Full and empty pixels are beyond the profile's support."""
+        """Whether pixels are empty or full, as all pixels beyond the support of the profile are."""
         return (value <= 0) | (value >= 1)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """The profile's support."""
+        """Distance at which the profile reaches 0, its support times the width."""
         return parameter.astype(jnp.float32) * SUPPORT[self.profile]
 
 
 class NearestPoint(NamedTuple):
-    """The point of each triangle's boundary that is nearest to a point x.
+    """The point c of each triangle's boundary that is nearest to a point x; lengths in pixels.
 
-    - `edge`: number of the edge that it lies on, as a float; `t`: how far along that edge, 0..1.
-    - `normal_x`, `normal_y`, `inverse_length`: of that edge, as in `EdgeLine`.
-    - `offset`: signed distance of x from that edge's line; `excess`: how far along the line x lies
-      outside the edge, negative before its start and positive past its end.
-    - `square`: squared distance of x from the nearest point.
-    - `is_inside`: whether the triangle holds x.
-    - `distances`: signed distances of x from all three lines.
+    - `edge`: index of the edge on which c lies, 0..2, as a float.
+    - `t`: how far along that edge c lies, 0..1.
+    - `normal_x`, `normal_y`, `inverse_length`: fields of the `EdgeLine` of that edge.
+    - `offset`: signed distance of x from the line of that edge, positive inside.
+    - `excess`: how far beyond the ends of that edge x lies along its line: negative before the
+      start, positive past the end, 0 beside the edge.
+    - `square`: squared distance of x from the boundary.
+    - `is_inside`: whether the triangle contains x.
+    - `distances`: signed distances of x from the lines of edges 0, 1 and 2.
     """
 
     edge: PointValues
@@ -134,7 +141,10 @@ class NearestPoint(NamedTuple):
 
 
 def nearest_point(lines: TriangleLines, x: PointValues, y: PointValues) -> NearestPoint:
-    """The nearest point of the boundary; a triangle without area has no inside."""
+    """Find the nearest point of the boundary; `x`, `y` are in pixels from the tile's upper left.
+
+    A triangle without area has no inside.
+    """
     best, least, is_inside, distances = None, None, lines.has_area, []
     for k, edge in enumerate(lines.edges):
         along = edge.normal_y * x - edge.normal_x * y
@@ -173,11 +183,11 @@ def nearest_point(lines: TriangleLines, x: PointValues, y: PointValues) -> Neare
 
 
 _TIE = 2.0**-18
-"""Relative difference of squared distances that is no more than their roundings."""
+"""Relative difference of squared distances up to which they may differ by roundings only."""
 
 
 def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
-    """Weights of the three corners at the nearest point of the boundary."""
+    """Barycentric weights of the three corners at the nearest point of the boundary."""
     edge, t = near.edge, near.t
     return (
         jnp.where(edge == 0, 1.0 - t, jnp.where(edge == 2, t, 0.0)),
@@ -187,42 +197,43 @@ def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
 
 
 def is_around_corner(near: NearestPoint) -> Array:
-    """Whether a point is outside and nearest to a corner."""
+    """Whether a point lies outside the triangle, and a corner is the nearest point of it."""
     return ~near.is_inside & (jnp.abs(near.excess) > ROUNDING)
 
 
 def _distance(near: NearestPoint) -> Array:
-    """Distance to the boundary; zero, with zero gradient, on it."""
+    """Distance to the boundary, in pixels; zero, with zero gradient, on it."""
     positive = near.square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, near.square, 1.0)), 0.0)
 
 
 def _signed_distance(near: NearestPoint) -> Array:
-    """Distance to the boundary, positive inside."""
+    """Distance to the boundary, in pixels, positive inside the triangle and negative outside."""
     distance = _distance(near)
     return jnp.where(near.is_inside, distance, -distance)
 
 
 _FULL_DIRECTION = 2.0**-10
-"""Pixels from a corner, or from a segment, from which on the direction to it counts in full.
+"""Distance from a corner or segment, in pixels, from which on the direction to it is used in full.
 
-Nearer than that it counts less, and within `ROUNDING` not at all: the direction is known to a
-rounding over the distance, and at the corner itself there is none.
+Nearer than that its weight is less, and within `ROUNDING` it is 0. The error of the direction is a
+rounding divided by the distance, and at the corner itself there is no direction.
 """
 
 
 def _direction_weight(distance: Array) -> Array:
-    """How much the direction to a point at some distance counts, 0..1."""
+    """Weight, 0..1, of the direction to a corner or segment at this distance, in pixels."""
     return jnp.clip((distance - ROUNDING) * (1.0 / (_FULL_DIRECTION - ROUNDING)), 0.0, 1.0)
 
 
 def _growth_rates(
     profile: str, lines: TriangleLines, near: NearestPoint, width: Parameter
 ) -> tuple[Array, Array]:
-    """How fast coverage grows as the boundary moves.
+    """Compute how fast coverage grows as the boundary moves, for each of two cases.
 
-    The first rate, beside an edge, is per pixel along the inward normal. The second, around a
-    corner, is per pixel along the direction from the corner to the point, over their distance.
+    The first rate is for pixels beside an edge: coverage per pixel of movement along the inward
+    normal. The second is for pixels around a corner: coverage per pixel of movement from the corner
+    towards the pixel's centre, divided by their distance.
     """
     rate = slope(profile, _signed_distance(near) / width) / width
     distance = _distance(near)
@@ -235,7 +246,7 @@ def _growth_rates(
 
 
 def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
-    """The entry of the nearest edge."""
+    """Select, from one entry for each of the three edges, the entry of the nearest edge."""
     first, second, third = entries
     return jnp.where(near.edge == 0, first, jnp.where(near.edge == 1, second, third))
 
@@ -244,7 +255,7 @@ def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
 def _nearest_feature(
     lines: TriangleLines, width: Parameter, tile_side: int
 ) -> Float[Array, "slots pixels"]:
-    """The nearest edge of every pixel, 0..2, or 3 plus the nearest corner where that is nearer."""
+    """Find the case of every pixel: its nearest edge, 0..2, or 3 plus the corner it is around."""
     lines, _, x, y = spread(lines, width, tile_side)
     near = nearest_point(lines, x, y)
     corner = jnp.where(near.t > 0.5, near.edge + 1, near.edge)
@@ -260,7 +271,7 @@ def _growth_weights(
     case: Float[Array, "slots pixels"],
     cotangent: Float[Array, "slots pixels"],
 ) -> Float[Array, "slots pixels"]:
-    """The cotangent times the growth rate of each pixel's case."""
+    """Multiply the cotangent by the growth rate of each pixel's case (`_nearest_feature`)."""
     lines, width, x, y = spread(lines, width, coverage.tile_side)
     near = nearest_point(lines, x, y)
     edge_rate, corner_rate = _growth_rates(coverage.profile, lines, near, width)
@@ -269,7 +280,10 @@ def _growth_weights(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 6 3"]) -> Coordinates:
-    """Derivatives by the corners from the moments of the six cases."""
+    """Compute the derivatives by the corners from the moments of the six cases.
+
+    The third axis of `moments` has the sums of the weights times 1, x and y.
+    """
     gradient = [jnp.zeros_like(lines.first.distance)] * 6
     for k, edge in enumerate(lines.edges):
         mass, x, y = moments[:, k, 0], moments[:, k, 1], moments[:, k, 2]

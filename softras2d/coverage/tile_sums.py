@@ -26,7 +26,11 @@ _BLOCK = 2048
 
 
 def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array, Array]:
-    """Arguments of a `PixelFunction` at all pixels of a tile, `[slots, 1]` and `[1, pixels]`."""
+    """Make the arguments of a `PixelFunction` for all slots and all pixels of a tile.
+
+    Returns the geometry as `[slots, 1]`, the parameter unchanged, and x and y of the pixels'
+    centres as `[1, pixels]`. `side` is the side of a tile, in pixels.
+    """
     x, y = pixel_centers(side, parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], geometry), parameter, x, y
 
@@ -34,19 +38,19 @@ def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array,
 def pixel_centers(
     side: int, dtype: Any
 ) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
-    """x and y of the centres of a tile's pixels, rows from the top."""
+    """x and y of the centres of a tile's pixels, from its upper left, rows from the top."""
     number = jnp.arange(side * side, dtype=jnp.int32)[None]
     return (number % side).astype(dtype) + 0.5, (number // side).astype(dtype) + 0.5
 
 
 def tile_side_of(values: Float[Array, "*slots pixels"]) -> int:
-    """Pixels along the side of a tile, from values at all its pixels."""
+    """Side of a tile, in pixels, from an array of values at all its pixels."""
     return math.isqrt(values.shape[-1])
 
 
 @materialized
 def gather_slots(tree: Tree, slots: Int[Array, " block"]) -> Tree:
-    """Gather some slots of a tree of arrays `[slots, ...]`."""
+    """Gather the slots of these indices from a tree of arrays `[slots, ...]`."""
     return jax.tree.map(lambda entry: entry.at[slots].get(mode="clip"), tree)
 
 
@@ -55,10 +59,10 @@ def for_each_block(
     visit: Callable[[Int[Array, " block"], Tree], Tree],
     total: Tree,
 ) -> Tree:
-    """Fold `visit(block, total)` over blocks of the slots that have a flagged pixel.
+    """Compute `total = visit(block, total)` for all blocks of slots that have a flagged pixel.
 
     A block has the indices of `_BLOCK` slots; unused entries are one past the last slot. If there
-    are no more than `_BLOCK` slots, all are one block.
+    are no more than `_BLOCK` slots, all are one block, flagged or not. Returns the last total.
     """
     slots = flags.shape[0]
     if slots <= _BLOCK:
@@ -75,7 +79,10 @@ def for_each_block(
 def _list_slots(
     flags: Bool[Array, "slots pixels"],
 ) -> tuple[Int[Array, " padded"], Int[Array, ""]]:
-    """List the slots that have a flagged pixel, padded to whole blocks, and count them."""
+    """List the slots that have a flagged pixel, and count them.
+
+    The list is padded to whole blocks by the index one past the last slot.
+    """
     slots = flags.shape[0]
     return list_flagged(jnp.any(flags, 1), capacity=slots + -slots % _BLOCK)
 
@@ -86,7 +93,10 @@ def sum_over_pixels(
     parameter: Any,
     *pixel_values: Float[Array, "slots pixels"],
 ) -> tuple[Float[Array, " slots"], ...]:
-    """Sum each of `terms(geometry, parameter, x, y, *pixel_values)` over each slot's pixels."""
+    """Sum each of `terms(geometry, parameter, x, y, *pixel_values)` over each slot's pixels.
+
+    `terms` is called for one pixel of all slots at a time, and returns a list of arrays `[slots]`.
+    """
     side = tile_side_of(pixel_values[0])
     by_row = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in pixel_values]
     add_row = materialized(functools.partial(_add_row, terms))
@@ -109,7 +119,7 @@ def _add_row(
     parameter: Any,
     by_row: list[Float[Array, "rows columns slots"]],
 ) -> list[Array]:
-    """Add the terms of one row of pixels."""
+    """Add the terms of one row of pixels to `sums`."""
     y = row.astype(parameter.dtype) + 0.5
     in_row = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in by_row]
     for column in range(by_row[0].shape[1]):
@@ -127,8 +137,9 @@ def sum_along_edges(
 ) -> tuple[tuple[Float[Array, " slots"], ...], ...]:
     """Sum each of `terms(edge, x, y, *pixel_values)` over the pixels, for each of the three edges.
 
-    Returns `[3][terms]` sums. `in_tile` says of each edge whether its terms can differ from 0 in
-    the tile. In most slots only one edge passes through the tile, and only that one is visited.
+    `in_tile` says of each edge and slot whether the terms can differ from 0 in the tile. In most
+    slots only one edge passes through the tile, and only that one is visited. Returns, for each
+    edge, the sums `[slots]` of all terms.
     """
     slots, dtype = pixel_values[0].shape[0], pixel_values[0].dtype
     no_parameter = jnp.zeros((), dtype)
@@ -162,7 +173,7 @@ def _join_edges(
 
 @materialized
 def _put_each(total: list[Array], sums: tuple[Array, ...], block: Array) -> list[Array]:
-    """Write the sums of a block into those of all edges."""
+    """Write the sums of a block of edges into `total`, the sums of all edges."""
     return [a.at[block].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
 
 
@@ -171,8 +182,11 @@ def sum_moments(
 ) -> Float[Array, "slots entries 3"]:
     """Sum weights times 1, times x and times y, each over the pixels of one case.
 
-    `case` is the number of the case of every pixel. Each entry of `weighted_cases` is such a number
-    and the weights `[slots, pixels]` to sum over the pixels of this case.
+    - `case`: number of the case of every pixel.
+    - `weighted_cases`: for each entry of the result, the number of a case and the weights
+      `[slots, pixels]` to sum over the pixels of this case.
+
+    x and y are the centre of a pixel, in pixels from the tile's upper left.
     """
     cases = tuple(number for number, _ in weighted_cases)
     return _moments(_select_cases(case, [weights for _, weights in weighted_cases], cases))
@@ -182,7 +196,7 @@ def sum_moments(
 def _select_cases(
     case: Float[Array, "slots pixels"], weights: list[Array], cases: tuple[int, ...]
 ) -> Float[Array, "slots entries pixels"]:
-    """Set weights to 0 at the pixels of other cases."""
+    """Set each entry of `weights` to 0 at the pixels of other cases than its own in `cases`."""
     return jnp.stack(
         [
             jnp.where(case == number, entry, 0.0)
@@ -194,7 +208,7 @@ def _select_cases(
 
 @materialized
 def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slots entries 3"]:
-    """Sum over the pixels times 1, x and y, as one matrix product."""
+    """Sum weights times 1, times x and times y over the pixels, as one matrix product."""
     x, y = pixel_centers(tile_side_of(weights), weights.dtype)
     moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
     flat = weights.reshape(-1, weights.shape[2])
@@ -204,7 +218,10 @@ def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slo
 
 @jax.custom_jvp
 def sum_pixels(*weights: Float[Array, "slots pixels"]) -> tuple[Float[Array, " slots"], ...]:
-    """Sum over the pixels of each slot, all in one loop, so that shared terms are computed once."""
+    """Sum several arrays over the pixels of each slot, in one loop.
+
+    Terms that the arrays share are then computed once.
+    """
     zeros = tuple(jnp.zeros((), weight.dtype) for weight in weights)
     return tuple(
         jax.lax.reduce(

@@ -1,4 +1,7 @@
-"""Plane maps as 3x3 matrices in float64, acting on columns (x, y, 1). Host only, numpy."""
+"""Affine and projective maps of the plane, as 3x3 float64 matrices that act on columns (x, y, 1).
+
+Host only, numpy.
+"""
 
 from typing import Any
 
@@ -16,7 +19,7 @@ def translate(x: float, y: float = 0.0) -> np.ndarray:
 
 
 def scale(x: float, y: float | None = None) -> np.ndarray:
-    """Scale about the origin by x and y, or uniformly by x alone."""
+    """Scale about the origin, along x by `x` and along y by `y`, or along both by `x` alone."""
     return np.diag([x, x if y is None else y, 1.0])
 
 
@@ -38,12 +41,12 @@ def skew_y(degrees: float) -> np.ndarray:
 
 
 def matrix(a: float, b: float, c: float, d: float, e: float, f: float) -> np.ndarray:
-    """SVG's `matrix(a b c d e f)`: columns (a, b), (c, d) and the translation (e, f)."""
+    """Make the map of SVG's `matrix(a b c d e f)`: columns (a, b), (c, d), translation (e, f)."""
     return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
 def check_map(map3: Any) -> np.ndarray:
-    """Convert to a 3x3 float64 map; raises `ValueError` if it is not finite and invertible."""
+    """Convert to a 3x3 float64 map; raise `ValueError` unless it is finite and invertible."""
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
         raise ValueError(f"`transform` must be a 3x3 matrix; got shape {map3.shape}.")
@@ -53,7 +56,7 @@ def check_map(map3: Any) -> np.ndarray:
 
 
 def _equilibrated(map3: np.ndarray) -> np.ndarray:
-    """Scale rows, then columns, to a largest entry of 1: units do not make a map singular."""
+    """Scale rows, then columns, to a largest entry of 1, so that no unit makes a map singular."""
     for axis in (1, 0):
         largest = np.abs(map3).max(axis, keepdims=True)
         map3 = map3 / np.where(largest > 0, largest, 1.0)
@@ -61,9 +64,9 @@ def _equilibrated(map3: np.ndarray) -> np.ndarray:
 
 
 def apply(map3: np.ndarray, points: Any) -> np.ndarray:
-    """Map points `[..., 2]`, and divide by the third component.
+    """Map points `[..., 2]`: multiply by the matrix, then divide x and y by the third component w.
 
-    Raises `ValueError` where that component is not positive.
+    Raises `ValueError` if w is not positive for some point.
     """
     points = np.asarray(points, np.float64)
     mapped = points @ map3[:, :2].T + map3[:, 2]

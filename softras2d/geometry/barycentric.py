@@ -1,11 +1,14 @@
 """Barycentric weights from edge functions, accurate on slivers and far from the origin.
 
-The three edge values at a point add up to twice the area of the triangle. The share of each edge
-value is the weight of the corner opposite that edge. For corners 1 and 2 it is one integer sum
-(`WrappedValue`), rounded to a float once below 2^31 and three times beyond, plus the fraction of
-the edge value, times one reciprocal. So these weights err by a few roundings of their own, however
-thin the triangle is. The weight of corner 0 is one less the two others, so its absolute error is a
-few roundings of 1.
+The three edge values at a point add up to twice the area of the triangle. The ratio of one edge
+value to this sum is the weight of the corner opposite that edge. Edge values and areas are in the
+unit of `fixed_point`.
+
+The weights of corners 1 and 2 are computed from the edge value as an integer (`WrappedValue`),
+rounded to a float once below 2^31 and three times beyond, plus the fraction of the edge value,
+times one reciprocal. So these weights have a relative error of a few roundings, however thin the
+triangle is. The weight of corner 0 is 1 minus the two others, so its absolute error is a few
+roundings of 1.
 """
 
 from collections.abc import Callable
@@ -23,15 +26,19 @@ from .wrapped_value import WrappedValue
 
 
 class Weights(NamedTuple):
-    """Terms of the weights of corners 1 and 2, gathered for each slot.
+    """Numbers from which the weights of corners 1 and 2 are computed, for each slot.
 
-    - `edges`: the edge functions across from both corners, edge 2 and edge 0, side by side as
-      `[2, *slots]`; samples count from the first sample of the slot's tile.
-    - `per_value`: weight for each unit of the edge value; 0 without area.
+    A weight is `per_value` times the edge value, plus `offset`, or else the value of `plane`.
+
+    - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, side by side as
+      `[2, *slots]`. Samples are counted from the first sample of the slot's tile.
+    - `per_value`: one over twice the area, in units of the edge value; 0 without area.
     - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
-    - `plane`: weights of triangles past the guard band as floats: the weight at the tile's first
-      sample, its step right, and its step down. None if no triangle may be there.
-    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` is valid.
+    - `plane`: weights of triangles past the guard band, as affine functions in floats. The first
+      axis has the weight at the tile's first sample, its step right and its step down; the second
+      has corners 1 and 2. None if no triangle can be past the band.
+    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` holds its
+      weights. None where `plane` is.
     """
 
     edges: Edge
@@ -51,7 +58,10 @@ class Weights(NamedTuple):
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
-    """Twice the area of each triangle, in units of the edge value, to within a few roundings."""
+    """Twice the area of each triangle, to within a few roundings.
+
+    It is in units of the edge value, 2^-bits / rate square pixels with the fields of `Grid`.
+    """
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
     )
@@ -66,7 +76,12 @@ def slot_weights(
     tiling: Tiling,
     planes: WeightPlanes | None = None,
 ) -> Weights:
-    """Gather the terms of each slot's weights, for a triangle in a tile; `area` is `twice_area`."""
+    """Gather the terms of the weights for slots, each of which is a triangle in a tile.
+
+    - `area`: the result of `twice_area`.
+    - `triangle`, `tile`: index of both, for each slot.
+    - `planes`: weights of triangles past the guard band; None if no triangle can be there.
+    """
     column, row = tiling.first_sample(tile)
     opposite = [edges[k].gather(triangle).rebased(column, row) for k in (2, 0)]
     opposite = [edge._replace(fraction=edge.fraction.astype(area.dtype)) for edge in opposite]
@@ -83,12 +98,14 @@ def slot_weights(
 
 
 class AffineWeights(NamedTuple):
-    """Terms of the weights of corners 1 and 2 at single samples of a tile, side by side.
+    """Numbers from which the weights of corners 1 and 2 at single samples of a tile are computed.
 
     A weight is `scale * (start + right * column + down * row) + offset`, with an exact integer in
-    the brackets. What an edge value has beyond this integer, a multiple of 2^31 and a fraction, is
-    in `offset`, unlike in `Weights`.
+    the brackets. The edge value is this integer plus a multiple of 2^31 plus a fraction. `offset`
+    is the contribution of the multiple and the fraction to the weight, plus `Weights.offset`. The
+    first axis of `start`, `right`, `down` and `offset` has corners 1 and 2.
 
+    - `scale`: `Weights.per_value`.
     - `plane`, `is_far`: as in `Weights`.
     """
 
@@ -102,7 +119,7 @@ class AffineWeights(NamedTuple):
 
 
 def affine_weights(weights: Weights) -> AffineWeights:
-    """Terms for `weights_at`, which is faster than `weight_sums` for single samples."""
+    """Convert terms for `weights_at`, which is faster than `weight_sums` for single samples."""
     edges, scale, dtype = weights.edges, weights.per_value, weights.per_value.dtype
     start, multiple = WrappedValue(edges.start, edges.estimate).split()
     offset = (multiple.astype(dtype) + edges.fraction) * scale[None] + weights.offset[None]
@@ -116,7 +133,8 @@ def weights_at(
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
     """Weights of corners 1 and 2 at single samples of a tile.
 
-    They equal those of `weight_sums` with a count of 1, up to a rounding.
+    `column` and `row` count samples from the tile's first one. The results equal the sums of
+    `weight_sums` with a count of 1, up to a rounding.
     """
     dtype = terms.scale.dtype
     weights = []
@@ -138,7 +156,8 @@ def interpolate_corners(
 ) -> Float[Array, "*#shape"]:
     """Interpolate values between three corners, by the weights of corners 1 and 2.
 
-    Where all corners have one value, the result is exactly that value.
+    The weight of corner 0 is 1 minus both. Where all corners have the same value, the result is
+    exactly that value.
     """
     interpolated = corners[0] + second_weight * (corners[1] - corners[0])
     return interpolated + third_weight * (corners[2] - corners[0])
@@ -150,11 +169,11 @@ def weight_sums(
     across: Int[Array, "*#shape"],
     down: Int[Array, "*#shape"],
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Sum the weight of each corner over `count` samples of a tile, at most 256.
+    """Sum the weight of each of the three corners over `count` samples of a tile, at most 256.
 
-    `across` and `down` are the sums of the samples' columns and rows in the tile. The slot axes of
-    `weights` broadcast against them. Where the area is zero each weight is 1/3 of `count`. Weights
-    of triangles past the guard band are clamped to 0..1.
+    `across` is the sum of the samples' columns in the tile, and `down` the sum of their rows. The
+    slot axes of `weights` broadcast against them. Where the area is zero, each sum is `count` / 3.
+    For triangles past the guard band the mean weights of corners 1 and 2 are clamped to 0..1.
     """
     dtype = weights.per_value.dtype
     number = count.astype(dtype)

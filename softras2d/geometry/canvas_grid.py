@@ -1,4 +1,4 @@
-"""The fixed-point grid of a canvas, to which vertices are snapped."""
+"""The canvas with its fixed-point grid, to which vertices are snapped."""
 
 import operator
 from typing import NamedTuple
@@ -8,16 +8,16 @@ import numpy as np
 from ..numerics.array_types import HostOrDeviceArray
 
 MAX_GRID_BITS = 18
-"""Finest grid, 2^-18 pixel: keeps the partial products of `fixed_point.edge_functions` inside 32
-bits."""
+"""Number of fractional bits of the finest grid, 2^-18 pixel. It keeps the partial products of
+`fixed_point.edge_functions` within 32 bits."""
 
 
 class Grid(NamedTuple):
     """The canvas and its fixed-point grid.
 
-    - `height`, `width`: of the canvas, in pixels.
-    - `rate`: samples along a pixel's side.
-    - `bits`: vertices are snapped to multiples of 2^-bits pixel.
+    - `height`, `width`: size of the canvas, in pixels.
+    - `rate`: number of samples along the side of a pixel.
+    - `bits`: vertices are snapped to multiples of 2^-bits pixel, the *grid unit*.
     - `margin`: width of the guard band around the canvas, in pixels.
     """
 
@@ -29,12 +29,13 @@ class Grid(NamedTuple):
 
     @staticmethod
     def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
-        """Choose the finest grid on which the canvas with its guard band is within 2^23 units.
+        """Choose the finest grid on which the canvas with its guard band spans at most 2^23 units.
 
         The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
-        the finest that fits, such as that of a larger canvas which is drawn in pieces. The band is
-        then as wide as that grid allows, so that triangles of the larger canvas are not cut. Raises
-        `ValueError` where the grid would be coarser than 2^-8 pixel, or finer than what fits.
+        the finest that fits, such as the grid of a larger canvas which is drawn in pieces. The band
+        is then as wide as that grid allows, so that triangles of the larger canvas are not cut.
+        `rate` is the number of samples along the side of a pixel. Raises `ValueError` if the grid
+        would be coarser than 2^-8 pixel, or finer than what fits.
         """
         try:
             height, width = operator.index(height), operator.index(width)
@@ -61,18 +62,24 @@ class Grid(NamedTuple):
 
     @property
     def samples(self) -> int:
-        """Number of samples of a pixel."""
+        """Number of samples in a pixel."""
         return self.rate**2
 
     @property
     def guard(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Least and greatest x and y, in pixels, of the canvas with its guard band."""
+        """Corners (least x, least y) and (greatest x, greatest y) of the guard band.
+
+        They are in pixels from the canvas's upper left.
+        """
         margin = self.margin
         return (-margin, -margin), (self.width + margin, self.height + margin)
 
 
 def to_grid(pixels: HostOrDeviceArray, grid: Grid, axis: int) -> HostOrDeviceArray:
-    """Convert pixels along x (0) or y (1) to grid units, clamped to the guard band."""
+    """Round coordinates in pixels to grid units, after clamping them to the guard band.
+
+    `axis` is 0 for x coordinates and 1 for y coordinates.
+    """
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)
     units = xp.round(xp.clip(pixels, low, high) * 2.0**grid.bits)

@@ -12,9 +12,10 @@ right, so its floor after division by 2^k,
     e(i, j) = constant - dy i + dx j,
 
 is negative at the same samples, steps by integers below 2^24, and leaves a remainder that is the
-same at all samples of the image. The constant may need 43 bits. It is kept modulo 2^32 beside a
-float32 estimate with an error below 2^20, as a `WrappedValue`, which recovers the sign and the
-value from both. Within a tile, a value beyond 2^30 cannot change sign: it may be clamped to that.
+same at all samples of the image. The integer e(i, j) is the *edge value* at sample (i, j), in units
+of 1 / (S 2^k) square pixels. The constant may need 43 bits. It is kept modulo 2^32 beside a float32
+estimate with an error below 2^20, as a `WrappedValue`, which recovers the sign and the value from
+both. Within a tile, a value beyond 2^30 cannot change sign: it may be clamped to that.
 
 Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
 counts on the host what a render does on the device.
@@ -33,14 +34,16 @@ _LOW = 12  # bits of the lower half of a 24-bit extent
 
 
 class GridTriangles(NamedTuple):
-    """The directed edges of each triangle on the grid, `[3, triangles]`: from (x, y) by (dx, dy).
+    """The directed edges of each triangle, in grid units of 2^-bits pixel.
 
-    - `orientation`: `[triangles]`, the sign of the area as drawn. The edges are those of the
-      reoriented triangle: where the sign was -1, corners 1 and 2 are exchanged.
-    - `left, right, top, bottom`: the bounding box, `[triangles]`; empty (`left > right`) for a
-      triangle that covers nothing because a corner is not finite.
-    - `constant`: `[3, triangles]`, 0 for an edge to test; else the sign that its edge function is
-      to have everywhere, so that all samples are inside (1) or outside (-1).
+    - `x`, `y`: the point at which each edge starts.
+    - `dx`, `dy`: the vector from there to the point at which it ends.
+    - `orientation`: sign of the area of the triangle as the scene gives it, -1, 0 or 1. The edges
+      bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
+    - `left`, `right`, `top`, `bottom`: the bounding box; empty (`left > right`) for a triangle that
+      covers nothing because a corner is not finite.
+    - `constant`: 0 for an edge whose line is to be tested. Otherwise the sign that its edge
+      function has everywhere, so that all samples are inside (1) or outside (-1).
     """
 
     x: Int[HostOrDeviceArray, "3 triangles"]
@@ -56,12 +59,14 @@ class GridTriangles(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """One edge function of each triangle, `[triangles]`.
+    """One edge function of each triangle, positive inside, or several along further axes.
+
+    All entries are in the unit of the edge value, which the module's docstring defines.
 
     - `right`, `down`: change of the value from a sample to the next one to the right or below.
-    - `start`, `estimate`: the value at sample (0, 0), modulo 2^32 and as float32: the two parts of
-      a `WrappedValue`.
-    - `fraction`: the exact value minus its floor, 0..1; the same at all samples.
+    - `start`, `estimate`: the integer value at sample (0, 0), modulo 2^32 and as float32. They are
+      the two parts of a `WrappedValue`.
+    - `fraction`: the exact value minus the integer value, 0..1; the same at all samples.
     """
 
     right: Int[HostOrDeviceArray, "*triangles"]
@@ -71,33 +76,39 @@ class Edge(NamedTuple):
     fraction: Float[HostOrDeviceArray, "*triangles"]
 
     def gather(self, index: int | HostOrDeviceArray) -> "Edge":
-        """The entries at an index or an array of indices along the first axis."""
+        """Gather the entries at an index, or at an array of indices, along the first axis."""
         return Edge(*(entry[index] for entry in self))
 
     def at(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> WrappedValue:
-        """The edge value at a sample."""
+        """The edge value at the sample in this column and row, without the fraction."""
         start = WrappedValue(self.start, self.estimate)
         return start.moved((self.right, column), (self.down, row))
 
     def sum_over(
         self, count: HostOrDeviceArray, columns: HostOrDeviceArray, rows: HostOrDeviceArray
     ) -> WrappedValue:
-        """Sum of the edge values at `count` samples, whose columns and rows have these sums."""
+        """Sum of the edge values at `count` samples, without the fractions.
+
+        `columns` is the sum of the samples' columns, and `rows` the sum of their rows.
+        """
         start = WrappedValue(self.start, self.estimate)
         return start.times(count).moved((self.right, columns), (self.down, rows))
 
     def rebased(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> "Edge":
-        """This edge function, with samples counted from sample (column, row)."""
+        """Return this edge function with samples counted from the one in this column and row."""
         start, estimate = self.at(column, row)
         return self._replace(start=start, estimate=estimate)
 
 
 Edges = tuple[Edge, Edge, Edge]
-"""Edge 0 runs from corner 0 to corner 1, edge 1 to corner 2, edge 2 back."""
+"""The three edge functions of each triangle.
+
+Edge 0 runs from corner 0 to corner 1, edge 1 from there to corner 2, edge 2 back to corner 0.
+"""
 
 
 class SampleBounds(NamedTuple):
-    """Samples in the bounding box of each triangle and on the canvas.
+    """The samples of the canvas that lie in the bounding box of each triangle.
 
     Columns are `left..right` and rows `top..bottom`, both inclusive. The box is empty where
     `left > right` or `top > bottom`.
@@ -109,14 +120,14 @@ class SampleBounds(NamedTuple):
     bottom: Int[HostOrDeviceArray, " triangles"]
 
     def gather(self, triangle: HostOrDeviceArray) -> "SampleBounds":
-        """The bounds of some triangles, by their indices."""
+        """Gather the bounds of the triangles with these indices."""
         return SampleBounds(*(entry[triangle] for entry in self))
 
 
 def sign_of_cross(
     ax: HostOrDeviceArray, ay: HostOrDeviceArray, bx: HostOrDeviceArray, by: HostOrDeviceArray
 ) -> HostOrDeviceArray:
-    """Exact sign of ax by - ay bx for 24-bit integers, whose products need 48 bits."""
+    """Exact sign of ax by - ay bx, -1, 0 or 1, for 24-bit integers, whose products need 48 bits."""
     f32 = ax.__array_namespace__().float32
     estimate = ax.astype(f32) * by.astype(f32) - ay.astype(f32) * bx.astype(f32)
     # The estimate errs by less than 2^25.
@@ -128,7 +139,7 @@ def corners_of(
     triangles: Int[HostOrDeviceArray, "triangles 3"],
     origin: Int[HostOrDeviceArray, "2"],
 ) -> Float[HostOrDeviceArray, "triangles 3 2"]:
-    """Gather the corners of triangles, in pixels of the canvas whose first pixel is `origin`.
+    """Gather the corners of triangles, in pixels from `origin`, the canvas's upper left.
 
     The origin is subtracted in the dtype of the positions. A triangle that names one vertex three
     times is padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any
@@ -149,9 +160,10 @@ def is_padding(
 
 
 class Corners(NamedTuple):
-    """Corners on the grid, in pixels of the canvas.
+    """Corners of triangles, snapped to the grid, in pixels from the canvas's upper left.
 
-    - `high`, `low`: a coordinate is the exact sum of both. Within the guard band `low` is zero.
+    - `high`, `low`: x and y of each corner are the exact sums of both. Within the guard band `low`
+      is zero.
     - `finite`: false for a triangle that is padding, or has a corner that is not finite. Its
       corners are (0, 0), and it covers nothing.
     """
@@ -167,10 +179,10 @@ def snapped_corners(
     origin: Int[HostOrDeviceArray, "2"],
     grid: Grid,
 ) -> Corners:
-    """Snap vertices to the grid, half to even; then subtract `origin`, exactly.
+    """Snap vertices to the grid, halves to even; subtract `origin` exactly; gather the corners.
 
-    So canvases with equal grid bits see the same triangles whatever their origins are. Floats
-    beyond 2^30 pixels are multiples of the grid already.
+    As snapping comes first, canvases with equal grid bits see the same triangles whatever their
+    origins are. Floats beyond 2^30 pixels are multiples of the grid unit already.
     """
     xp = positions.__array_namespace__()
     dtype = positions.dtype
@@ -178,7 +190,7 @@ def snapped_corners(
     defined = xp.where(finite[:, None], positions, xp.zeros_like(positions))
     units = xp.round(xp.clip(defined, -(2.0**30), 2.0**30) * 2.0**grid.bits)
     snapped = xp.where(xp.abs(defined) < 2.0**30, units * 2.0**-grid.bits, defined)
-    # The origin in two parts, each of which is exact in float32.
+    # The origin is subtracted in two parts, each of which is exact in float32.
     coarse = origin & ~0xFFF
     high, first_error = sum_of(snapped, -coarse.astype(dtype)[None])
     high, second_error = sum_of(high, -(origin - coarse).astype(dtype)[None])
@@ -190,7 +202,10 @@ def snapped_corners(
 
 
 class Snapped(NamedTuple):
-    """Corners in grid units, in the order that the scene gives; `finite` as in `Corners`."""
+    """Corners in grid units, in the order in which the scene gives them.
+
+    `finite` is as in `Corners`.
+    """
 
     x: Int[HostOrDeviceArray, "3 triangles"]
     y: Int[HostOrDeviceArray, "3 triangles"]
@@ -198,13 +213,19 @@ class Snapped(NamedTuple):
 
 
 def snap(corners: Corners, grid: Grid) -> Snapped:
-    """Convert corners to grid units, clamped to the guard band; `guard_band.clip` cuts instead."""
+    """Convert corners from pixels to grid units, clamped to the guard band.
+
+    Clamping changes the shape of a triangle past the band; `guard_band.clip` cuts it instead.
+    """
     x, y = (to_grid(corners.high[:, :, axis].T, grid, axis) for axis in (0, 1))
     return Snapped(x, y, corners.finite)
 
 
 def orient(snapped: Snapped) -> Int[HostOrDeviceArray, " triangles"]:
-    """Exact sign of the area of each triangle: 1 where the corners turn from x to y."""
+    """Exact sign of the area of each triangle, -1, 0 or 1.
+
+    It is 1 where corners 0, 1 and 2 follow each other clockwise on a screen whose y points down.
+    """
     x, y, _ = snapped
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
 
@@ -212,7 +233,10 @@ def orient(snapped: Snapped) -> Int[HostOrDeviceArray, " triangles"]:
 def directed_triangles(
     snapped: Snapped, orientation: Int[HostOrDeviceArray, " triangles"]
 ) -> GridTriangles:
-    """Reorient triangles to positive area, and list their directed edges."""
+    """Reorient triangles to positive area, and list their directed edges and bounding boxes.
+
+    `orientation` is the result of `orient`. All edges are to be tested (`constant` is 0).
+    """
     x, y, finite = snapped
     xp = x.__array_namespace__()
     x, y = reorient(x, orientation), reorient(y, orientation)
@@ -245,9 +269,9 @@ def reorient(
 def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
 
-    With `"top_left"`, an edge that does not own its boundary is lowered by one unit of the exact
-    value, so that `>= 0` becomes `> 0`. The edge functions of a triangle without area are then -1
-    everywhere, so that it covers no sample.
+    `fill_rule` is `Hard.fill_rule`. With `"top_left"`, the exact integer of an edge that does not
+    own its boundary is lowered by 1 before it is divided by 2^k, so that `>= 0` becomes `> 0`. The
+    edge functions of a triangle without area are then -1 everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = segments[:4]
@@ -288,13 +312,13 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
 
 
 def split_edges(edges: Edge) -> Edges:
-    """Split edge functions `[3, triangles]` into one `Edge` for each side."""
+    """Split edge functions `[3, triangles]` into one `Edge` of `[triangles]` for each side."""
     first, second, third = (edges.gather(k) for k in range(3))
     return first, second, third
 
 
 def sample_bounds(segments: GridTriangles, grid: Grid) -> SampleBounds:
-    """Samples within the bounding box of each triangle and on the canvas."""
+    """Find the samples of the canvas that lie in the bounding box of each triangle."""
     left, right = _sample_range(segments.left, segments.right, grid, grid.width)
     top, bottom = _sample_range(segments.top, segments.bottom, grid, grid.height)
     return SampleBounds(left, right, top, bottom)
@@ -306,7 +330,11 @@ def _sample_range(
     grid: Grid,
     pixels: int,
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
-    """First and last sample in low..high, in grid units, along an axis of so many pixels."""
+    """First and last sample in `low..high` along one axis of the canvas.
+
+    `low` and `high` are in grid units; the axis is `pixels` pixels long. If there is no sample, the
+    first is greater than the last.
+    """
     xp = low.__array_namespace__()
     samples = grid.rate * pixels
     half = 1 << (grid.bits - 1)
@@ -317,13 +345,16 @@ def _sample_range(
 def last_sample_until(
     position: Int[HostOrDeviceArray, "*positions"], grid: Grid
 ) -> Int[HostOrDeviceArray, "*positions"]:
-    """Index of the last sample at or before a position along an axis, in grid units."""
+    """Index of the last sample at or before a position, in grid units, along one axis.
+
+    It is negative if there is none, and not limited to the canvas.
+    """
     # Sample i lies at (i + 1/2) / rate pixels, and a pixel has 2^bits grid units.
     return (grid.rate * position - (1 << (grid.bits - 1))) >> grid.bits
 
 
 def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
-    """Whether each triangle lies in the guard band, or is not finite."""
+    """Whether each triangle lies in the guard band, as one that is not finite is taken to do."""
     xp = corners.high.__array_namespace__()
     dtype = corners.high.dtype
     low, high = (xp.asarray(limits, dtype=dtype)[None, None] for limits in grid.guard)

@@ -1,9 +1,9 @@
 """Clipping of triangles that reach past the guard band, so that the grid stays fine.
 
-Each edge is cut to the band by itself, one axis after the other. Near the canvas a triangle is
-bounded by those parts of its edges that come near, and it is convex. So an edge that does not come
-near the canvas decides nothing there. If no edge comes near, the canvas is all inside or all
-outside.
+Each edge is cut to the band by itself, along one axis after the other. A triangle is convex, and
+near the canvas only those parts of its edges bound it that come near the canvas. So an edge that
+stays away from the canvas decides nothing there. If all three stay away, the canvas lies either
+completely inside the triangle or completely outside it.
 
 Cuts are computed in twice the precision of the positions, from the end point nearer to the canvas,
 by the same operations for both triangles that share the edge. So neighbours stay joined. For
@@ -34,20 +34,21 @@ from .canvas_grid import Grid, to_grid
 from .fixed_point import Corners, GridTriangles, reorient
 
 _FARTHEST_BITS = 30
-"""Coordinates beyond 2^30 pixels are scaled down by a power of two: their products stay finite."""
+"""Coordinates beyond 2^30 pixels are scaled down by a power of two, to keep products finite."""
 
 _AREA_ROUNDING = 2.0**-40
-"""Ratio of an area to the products that it subtracts, below which the area could be a rounding.
+"""Greatest ratio of the results of `_area` at which the area may be a rounding error.
 
-Triangles with so small an area are treated as having none.
+A triangle with so small an area counts as one without area.
 """
 
 
 class WeightPlanes(NamedTuple):
-    """Weights of corners 1 and 2 of triangles past the band, as floats.
+    """Barycentric weights of corners 1 and 2 of triangles past the band, as affine functions.
 
-    - `start`: at sample (0, 0); `right`, `down`: change from sample to sample.
-    - `is_far`: whether a triangle is past the band; entries of others are undefined.
+    - `start`: the weights at sample (0, 0) of the canvas.
+    - `right`, `down`: their change from a sample to the next one to the right or below.
+    - `is_far`: whether a triangle is past the band; the other entries have no meaning where false.
     """
 
     start: Float[HostOrDeviceArray, "2 triangles"]
@@ -57,11 +58,11 @@ class WeightPlanes(NamedTuple):
 
 
 class FarTriangles(NamedTuple):
-    """All triangles, with the corners of those past the band; others have corners (0, 0).
+    """All triangles, with exact corners for those past the band.
 
-    - `is_far`: whether a triangle is past the band.
-    - `orientation`: the sign of the area as drawn; 0 without area.
-    - `x`, `y`: corners reoriented to positive area, pairs of `[3, triangles]`.
+    - `is_far`: whether a triangle is past the band. Others have all corners at (0, 0).
+    - `orientation`: sign of the area of the triangle as the scene gives it; 0 without area.
+    - `x`, `y`: corners in pixels, reoriented to positive area, as double floats `[3, triangles]`.
     """
 
     is_far: Bool[HostOrDeviceArray, " triangles"]
@@ -71,7 +72,7 @@ class FarTriangles(NamedTuple):
 
 
 def far_triangles(corners: Corners, is_far: Bool[HostOrDeviceArray, " triangles"]) -> FarTriangles:
-    """Select the triangles past the band, reorient them, and compute their orientation."""
+    """Select the triangles that `is_far` names, reorient them, and compute their orientation."""
     xp = is_far.__array_namespace__()
     x, y = (
         (_select(is_far, corners.high, axis), _select(is_far, corners.low, axis)) for axis in (0, 1)
@@ -88,13 +89,16 @@ def _select(
     corners: Float[HostOrDeviceArray, "triangles 3 2"],
     axis: int,
 ) -> Float[HostOrDeviceArray, "3 triangles"]:
-    """One coordinate of the corners of the triangles past the band; 0 for the others."""
+    """Select x (axis 0) or y (axis 1) of the corners of triangles past the band; others get 0."""
     xp = is_far.__array_namespace__()
     return xp.where(is_far[:, None], corners[:, :, axis], xp.zeros_like(corners[:, :, axis])).T
 
 
 def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangles:
-    """Cut the edges of triangles past the band to it; other triangles stay as they are."""
+    """Cut the edges of triangles past the band to the band; keep the others from `segments`.
+
+    Bounding boxes are taken from `segments` for all triangles.
+    """
     xp = far.orientation.__array_namespace__()
     start: Point = (far.x, far.y)
     end: Point = (_next(far.x), _next(far.y))
@@ -125,9 +129,10 @@ def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangle
 
 
 def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
-    """Compute the weights of triangles past the band as floats; those of others are undefined.
+    """Compute the barycentric weights of triangles past the band as affine functions.
 
-    In a triangle without area each corner weighs 1/3 everywhere.
+    In a triangle without area each corner weighs 1/3 everywhere. Other triangles get weights that
+    have no meaning.
     """
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
@@ -161,19 +166,19 @@ def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
 
 
 def _next(corners: Pair) -> Pair:
-    """The next corner of each corner, for pairs of `[3, triangles]`."""
+    """Return corners 1, 2 and 0, which are next after corners 0, 1 and 2."""
     xp = corners[0].__array_namespace__()
     first, second = (xp.stack([entry[1], entry[2], entry[0]]) for entry in corners)
     return first, second
 
 
 def _entry(corners: Pair, k: int) -> Pair:
-    """Corner k, from a pair of `[3, triangles]`."""
+    """One coordinate of corner k, from the coordinates `[3, triangles]` of all corners."""
     return corners[0][k], corners[1][k]
 
 
 def _shrink(*values: Pair) -> HostOrDeviceArray:
-    """Largest power of two, at most 1, that scales values to below 2^30."""
+    """Largest power of two, at most 1, that scales all of `values` to below 2^30 in size."""
     xp = values[0][0].__array_namespace__()
     largest = xp.abs(values[0][0])
     for value in values[1:]:
@@ -183,14 +188,15 @@ def _shrink(*values: Pair) -> HostOrDeviceArray:
 
 
 def _resized(point: Point, factors: tuple[HostOrDeviceArray, HostOrDeviceArray]) -> Point:
-    """Multiply x and y by powers of two."""
+    """Multiply x and y of a point by one power of two each."""
     return scale(point[0], factors[0]), scale(point[1], factors[1])
 
 
 def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, HostOrDeviceArray, HostOrDeviceArray]:
-    """Scale corners to below 2^30; return x, y and the factor of each axis.
+    """Scale each triangle along x and along y so that its coordinates are below 2^30 in size.
 
-    Weights and signs of areas do not depend on the factors.
+    Returns the scaled x and y, and the factors along x and along y. Weights and signs of areas do
+    not depend on the factors.
     """
     xp = x[0].__array_namespace__()
     factors = []
@@ -206,7 +212,10 @@ def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, HostOrDeviceArray, HostOrDevi
 
 
 def _area(x: Pair, y: Pair, *_: HostOrDeviceArray) -> tuple[Pair, HostOrDeviceArray]:
-    """Twice the signed area, and the sum of the sizes of the two products that it subtracts."""
+    """Twice the signed area, and the sum of the absolute values of the products it subtracts.
+
+    Further arguments are ignored, so that the result of `_scaled` can be passed as it is.
+    """
     xp = x[0].__array_namespace__()
     first, second = (
         (subtract(_entry(x, k), _entry(x, 0)), subtract(_entry(y, k), _entry(y, 0))) for k in (1, 2)
@@ -232,11 +241,12 @@ def _near_canvas(
     end: tuple[HostOrDeviceArray, HostOrDeviceArray],
     grid: Grid,
 ) -> Bool[HostOrDeviceArray, "3 triangles"]:
-    """Whether the cut edges meet the canvas grown by a pixel, or by less where the band is narrow.
+    """Whether each cut edge meets the canvas grown by a pixel, or by less if the band is narrow.
 
-    Other edges bound nothing that is visible, and must not be used: the cut may leave a few grid
-    units of them, too short to have a meaningful direction. An edge that comes near the canvas is
-    long.
+    `start` and `end` are x and y of the ends of the cut edges, `[3, triangles]` in pixels. Edges
+    that do not meet it bound nothing that is visible, and must not be used: the cut may leave a few
+    grid units of them, too short to have a meaningful direction. An edge that comes near the canvas
+    is long.
     """
     xp = start[0].__array_namespace__()
     growth = min(1.0, max(grid.height, grid.width) / 4)
@@ -270,11 +280,14 @@ def _cut_axis(
     shrink: tuple[HostOrDeviceArray, HostOrDeviceArray],
     grid: Grid,
 ) -> tuple[Point, Point]:
-    """Cut the edges to the band along one axis; an edge that misses the band ends up outside it.
+    """Cut the edges to the band along x (axis 0) or y (axis 1); return their new ends.
+
+    An edge that misses the band ends up outside it. Coordinates are in pixels times `shrink`, the
+    factors along x and y.
 
     The axes are cut one after the other, and not by a common parameter: the needle from (1e20, 0)
     to (-1e20, 9) crosses the band within a parameter interval that float32 cannot tell from a
-    point. Coordinates come multiplied by `shrink`.
+    point.
     """
     xp = start[0][0].__array_namespace__()
     low, high = (limit[axis] * shrink[axis] for limit in grid.guard)
@@ -296,7 +309,7 @@ def _cut_axis(
     rise = subtract(away[1 - axis], near[1 - axis])
 
     def moved_into_band(point: Point) -> Point:
-        """The end point itself inside the band, else where the edge enters it."""
+        """Return the end point if it is in the band, else the point where the edge enters it."""
         coordinate = point[axis][0]
         is_outside = (coordinate < low) | (coordinate > high)
         wall = pair_of(xp.where(coordinate < low, low, high).astype(coordinate.dtype))

@@ -34,13 +34,14 @@ from .guard_band import WeightPlanes, clip, far_triangles, planes
 class Projection(NamedTuple):
     """Triangles on the sample grid, reoriented to positive area.
 
-    - `corners`: snapped to the grid, in pixels of the canvas, in the order that the scene gives.
-    - `segments`: the edges as segments in grid units. `segments.orientation` is that of the uncut
-      triangle, also where the triangle was cut at the guard band.
+    - `corners`: snapped to the grid, in pixels, in the order in which the scene gives them. They
+      are not reoriented.
+    - `segments`: the edges as segments in grid units. Where the triangle was cut at the guard band,
+      `segments.orientation` is still the sign of its area before the cut.
     - `edges`: exact edge functions.
     - `bounds`: the samples within the bounding box.
-    - `planes`: interpolation weights of triangles past the guard band; None if not asked for.
-    - `is_far`: `[triangles]`, whether the triangle reaches past the guard band.
+    - `planes`: barycentric weights of triangles past the guard band; None if not asked for.
+    - `is_far`: whether the triangle reaches past the guard band.
     """
 
     corners: Corners
@@ -64,9 +65,12 @@ def project(
 ) -> Projection:
     """Snap, orient and cut triangles, and set up their edge functions, for numpy and jax alike.
 
+    - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
+    - `fill_rule`: `Hard.fill_rule`.
     - `cut`: whether triangles past the guard band are cut to it; otherwise they are clamped to it.
     - `weights`: whether to compute `Projection.planes`; only with `cut`.
-    - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`.
+    - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`. By
+      default stages are called as they are.
     """
     corners, snapped, is_far = materialize(functools.partial(_snap_stage, grid=grid))(
         positions, triangles, origin
@@ -109,6 +113,9 @@ def _snap_stage(
     origin: HostOrDeviceArray,
     grid: Grid,
 ) -> tuple[Corners, Snapped, HostOrDeviceArray]:
-    """Snap corners to the grid, in pixels and in grid units, and tell which triangles are far."""
+    """Snap corners to the grid; return them in pixels and in grid units.
+
+    Also returns whether each triangle reaches past the guard band.
+    """
     corners = snapped_corners(positions, triangles, origin, grid)
     return corners, snap(corners, grid), ~within_guard(corners, grid)

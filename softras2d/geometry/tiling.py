@@ -1,4 +1,4 @@
-"""Tiling: the canvas cut into equal tiles, which each hold a short list of triangles."""
+"""Tiling: the canvas cut into equal tiles, each of which gets a short list of triangles."""
 
 from typing import NamedTuple
 
@@ -24,13 +24,13 @@ class Tiling(NamedTuple):
 
     @staticmethod
     def one_word_wide(grid: Grid) -> "Tiling":
-        """Tiles in which a row of samples is one 32-bit word, for sampled coverage."""
+        """Make the tiles for sampled coverage, where a row of samples fits one 32-bit word."""
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
 
     @staticmethod
     def square(grid: Grid, side: int) -> "Tiling":
-        """Tiles of `side` x `side` pixels, for analytic coverage; `grid.rate` is 1."""
+        """Make tiles of `side` x `side` pixels, for analytic coverage, where `grid.rate` is 1."""
         return Tiling(grid, side, side, -(-grid.height // side), -(-grid.width // side))
 
     @property
@@ -39,7 +39,7 @@ class Tiling(NamedTuple):
         return self.rows * self.columns
 
     def first_sample(self, tile: HostOrDeviceArray) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-        """Column and row of the first sample of each tile on the canvas, from tile numbers."""
+        """Column and row, on the canvas, of the upper left sample of the tiles of these indices."""
         return (tile % self.columns) * self.sample_columns, (
             tile // self.columns
         ) * self.sample_rows

@@ -10,18 +10,18 @@ from typing import NamedTuple
 from ..numerics.array_types import DTypeLike, HostOrDeviceArray
 
 FAR = 2**30
-"""Size from which on the sign of a value is that of its estimate."""
+"""Size of an estimate from which on it has the sign of the value."""
 
 
 class WrappedValue(NamedTuple):
-    """Integers `[*shape]`, known exactly wherever they are near zero.
+    """Integers of more than 32 bits, each kept as two numbers that together determine it.
 
     - `wrapped`: the value modulo 2^32, as int32. Sums and products of it wrap, which is correct.
     - `estimate`: the value as float32, with an error below 2^29.
 
     **Why the parts are enough.** Where the estimate is below 2^30 in size, the value is below
     2^30 + 2^29, so that it fits 32 bits and equals `wrapped`. Elsewhere the value is above
-    2^30 - 2^29, and its sign is that of the estimate. An error below 2^31 determines the multiple
+    2^30 - 2^29, and has the sign of the estimate. An error below 2^31 determines the multiple
     of 2^32 that was lost, and thus the value itself.
 
     **Why the bound holds.** The estimate of one edge value errs by less than 2^20 at every sample
@@ -42,19 +42,19 @@ class WrappedValue(NamedTuple):
         return WrappedValue(wrapped, estimate)
 
     def times(self, count: HostOrDeviceArray) -> "WrappedValue":
-        """Multiply by an integer `count` of at most 256."""
+        """Multiply by an integer `count`, 0..256."""
         return WrappedValue(count * self.wrapped, count.astype(self.estimate.dtype) * self.estimate)
 
     @property
     def is_near_zero(self) -> HostOrDeviceArray:
-        """Whether `wrapped` is the value itself."""
+        """Whether the value is known to be so near zero that `wrapped` is the value itself."""
         xp = self.estimate.__array_namespace__()
         return xp.abs(self.estimate) < float(FAR)
 
     def is_inside(self, remainder: HostOrDeviceArray | None = None) -> HostOrDeviceArray:
         """Whether the value is not negative, which for an edge value means inside.
 
-        `remainder`: a float to add to the value first, 0 to 256.
+        `remainder` is a float in 0..256 that is added to the value first; None adds nothing.
         """
         xp = self.estimate.__array_namespace__()
         exact = self.wrapped
@@ -81,10 +81,10 @@ class WrappedValue(NamedTuple):
         return xp.where(self.is_near_zero, self.wrapped, far)
 
     def split(self) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-        """Split one edge value into an int32 of about 2^30 at most and a float multiple of 2^31.
+        """Split each edge value into an int32 of about 2^30 at most and a float multiple of 2^31.
 
-        The sum of both is the value. To the first, steps to any sample of a tile can be added: it
-        does not wrap, because an edge value moves by less than 2^30 within a tile (`clamped`).
+        The sum of both is the value. The int32 does not wrap when the steps to any sample of a tile
+        are added to it, because an edge value moves by less than 2^30 within a tile (`clamped`).
         """
         xp = self.estimate.__array_namespace__()
         number = xp.round(self.estimate * 2.0**-31)
@@ -93,7 +93,7 @@ class WrappedValue(NamedTuple):
         return self.wrapped ^ (is_odd << 31), number * 2.0**31
 
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
-        """The value, rounded once where it is below 2^31 in size, else three times."""
+        """The value as a float, rounded once where it is below 2^31 in size, else three times."""
         xp = self.estimate.__array_namespace__()
         difference = self.estimate - self.wrapped.astype(self.estimate.dtype)
         multiple = xp.round(difference * 2.0**-32)

@@ -1,4 +1,4 @@
-"""Types of the functions that run on the host, in numpy, and on the device, in JAX, alike.
+"""Types for functions that run on the host, in numpy, and on the device, in JAX, alike.
 
 Such a function takes its operations from `x.__array_namespace__()`, which is `numpy` for a host
 array and `jax.numpy` for a JAX array (the Python array API standard). A plan uses it to count on

@@ -1,9 +1,9 @@
-"""Loops and branches that depend on values, without what `jax.vmap` makes of them.
+"""Loops and branches that depend on values, in a form that stays fast under `jax.vmap`.
 
-If the number of steps differs within a batch, `jax.vmap` copies the whole state in every step, to
-keep that of the elements which have finished. If a condition differs, both branches run. Here all
-elements of a batch take as many steps as the one that needs most, and a branch runs for all if one
-needs it.
+If the number of steps differs within a batch, `jax.vmap` copies the complete state in every step,
+so that elements which have finished keep their state. If a condition differs, both branches run.
+Here all elements of a batch take as many steps as the one that needs most, and a branch runs for
+all if one needs it.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,11 @@ State = TypeVar("State")
 def repeat(
     count: Int[Array, ""], step: Callable[[Int[Array, ""], State], State], state: State
 ) -> State:
-    """Compute `state = step(number, state)` for every number below `count`.
+    """Compute `state = step(number, state)` for the numbers 0, 1, ... below `count`.
 
-    In a batch there may be further steps, which must change nothing. Not differentiable in reverse
-    mode, like every loop whose number of steps is a value.
+    Returns the last state. In a batch, `step` is also called with numbers of `count` or more, if
+    another element needs more steps, and must then return the state unchanged. Not differentiable
+    in reverse mode, like every loop whose number of steps is a value.
     """
     return jax.lax.fori_loop(0, greatest_of_batch(count), step, state)
 
@@ -33,7 +34,8 @@ def apply_if_any(
 ) -> State:
     """Return `function(state)` if the condition is true for any element of a batch, else `state`.
 
-    For the elements whose condition is false the function must change nothing.
+    In a batch it is applied to all elements if to any. The elements whose condition is false must
+    not be changed by it.
     """
     is_needed = greatest_of_batch(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
     return jax.lax.cond(is_needed, function, lambda state: state, state)
@@ -41,7 +43,7 @@ def apply_if_any(
 
 @jax.custom_batching.custom_vmap
 def greatest_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
-    """Return the number; in a batch the greatest of all, which is then the same for all.
+    """Return the number; in a batch, the greatest number of all elements, the same for each.
 
     Not differentiable: apply it to integers.
     """

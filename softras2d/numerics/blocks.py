@@ -1,7 +1,8 @@
 """Apply a function to blocks of entries, so that its temporaries stay in the processor's cache.
 
-A chain of steps over whole arrays writes each intermediate result to main memory, and reads it back
-in the next step. On the CPU most of that time goes to pages that the system has to clear first.
+A chain of steps over long arrays writes each intermediate result to main memory, and reads it back
+in the next step. On the CPU most of that time is spent on memory pages that the system has to clear
+first.
 """
 
 from collections.abc import Callable
@@ -20,12 +21,17 @@ Tree = TypeVar("Tree")
 def map_blocks(
     function: Callable[[Any], Tree], entries: Any, used_count: Int[Array, ""], *, size: int
 ) -> Tree:
-    """Apply `function`, which treats all entries along the leading axis alike, block by block.
+    """Apply `function` to blocks of entries along the leading axis, one block after another.
 
-    `entries` is a tree of arrays with one leading axis, and the results have the same axis. On the
-    CPU a block has `size` entries, and only the blocks that hold the first `used_count` entries are
-    computed; results of later blocks are 0. On other devices all entries are one block, as such a
-    device needs many entries at once.
+    - `function`: maps a block to results with the same leading axis. It must treat all entries
+      alike and independently.
+    - `entries`: a tree of arrays with a common leading axis.
+    - `used_count`: only blocks that hold some of the first `used_count` entries are computed; the
+      results of later blocks are 0.
+    - `size`: number of entries in a block.
+
+    On devices other than the CPU, and for at most `size` entries, all entries are computed as one
+    block; other devices need many entries at once.
 
     Not differentiable in reverse mode.
     """

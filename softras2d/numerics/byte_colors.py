@@ -17,9 +17,10 @@ _PACKAGE = str(Path(__file__).parent.parent)
 
 
 def check_whole_colors(what: str, colors: Any) -> None:
-    """Raise `ValueError` for integer colours above 1; the message begins with `what`.
+    """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
-    Under a trace values are not known, so all unsigned integers are refused there as bytes.
+    The message begins with `what`. Under a trace values are not known, so all unsigned integers are
+    refused there as bytes. Floats are not checked.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
         return
@@ -32,7 +33,7 @@ def check_whole_colors(what: str, colors: Any) -> None:
 
 
 def warn_of_bytes(arrays: dict[str, Any]) -> None:
-    """Warn once, naming every array in which all colours look like bytes.
+    """Warn of colours that look like bytes, in one `UserWarning` that names their arrays.
 
     `arrays` maps names to colours `[..., 3 or 4]`. They look like bytes if red, green and blue are
     whole numbers in 0..255, and the largest is above 1.5.

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 _MAX_BYTES = 512 * 2**20
-"""Size limit of the cache. JAX bounds it only if another package, `filelock`, is installed."""
+"""Greatest size of the cache, in bytes. JAX itself bounds it only if `filelock` is installed."""
 
 
 def keep_compiled_programs() -> None:
@@ -18,8 +18,8 @@ def keep_compiled_programs() -> None:
     (`JAX_COMPILATION_CACHE_DIR`) is left as it is. Several processes may share the cache: JAX
     compiles again if it cannot read an entry.
 
-    JAX keeps no program that calls the host, as one does that raises an error on overflow
-    (`plan(..., on_overflow="raise")`). Programs with `on_overflow="nan"` or
+    JAX keeps no program that calls the host, and a program that raises an error on overflow
+    (`plan(..., on_overflow="raise")`) does so. Programs with `on_overflow="nan"` or
     `capacity="worst_case"` are kept.
 
     **Source:** docs.jax.dev, *Persistent compilation cache*.
@@ -75,7 +75,7 @@ def _processor() -> str:
 
 
 def _trim(folder: Path) -> None:
-    """If the cache exceeds its limit, delete the oldest programs down to half the limit."""
+    """If the cache exceeds `_MAX_BYTES`, delete its oldest programs until half of that is left."""
     entries = [(entry.stat(), entry) for entry in os.scandir(folder) if entry.is_file()]
     size = sum(status.st_size for status, _ in entries)
     if size <= _MAX_BYTES:

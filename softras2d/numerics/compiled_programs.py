@@ -12,16 +12,16 @@ _MAPS = Path("/proc/self/maps")
 _LIMIT = Path("/proc/sys/vm/max_map_count")
 
 _SHARE = 0.3
-"""Share of the allowed maps above which programs are dropped. It is low, because one step of a
-loop may compile many programs."""
+"""Fraction of the allowed memory maps above which programs are dropped. It is low, because one step
+of a loop may compile many programs."""
 
 
 def drop_programs() -> bool:
     """Drop all compiled programs if the process nears its limit of memory maps.
 
     Returns whether they were dropped. Call it in loops that compile again and again, between two
-    steps and outside any trace. Programs that are needed later are compiled again. Does nothing
-    where the system has no such limit.
+    steps and outside any trace. Programs that are needed later are compiled again. On a system
+    without such a limit it does nothing and returns false.
     """
     try:
         limit = int(_LIMIT.read_text())

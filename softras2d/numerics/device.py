@@ -1,4 +1,4 @@
-"""Transfer of arrays from the host to JAX without compilation; no other module does this.
+"""Transfer of arrays from the host to JAX without compilation.
 
 `jnp.asarray` of a NumPy array compiles a program for every shape, as do casts, reshapes and
 indexing of concrete JAX arrays. Each such program takes 8 ms and 1.4 MB, and stays in memory for
@@ -19,14 +19,15 @@ Device = Any
 """A `jax.Device`, which type checkers take for a variable."""
 
 Devices = Sequence[Any]
-"""Several `jax.Device`."""
+"""A sequence of `jax.Device`."""
 
 
 def to_device(value: Any, dtype: Any = None) -> Array:
-    """Convert `value` to a JAX array, cast to `dtype` if given; host arrays compile nothing.
+    """Convert `value` to a JAX array of `dtype`, compiling nothing for host arrays.
 
-    JAX arrays and tracers that already have that dtype are returned as they are. Without
-    `jax_enable_x64`, 64-bit numbers become 32-bit numbers, as with `jnp.asarray`.
+    A `dtype` of None keeps the dtype of `value`. JAX arrays and tracers that already have the dtype
+    are returned as they are. Without `jax_enable_x64`, 64-bit numbers become 32-bit numbers, as
+    with `jnp.asarray`.
     """
     dtype = None if dtype is None else jax.dtypes.canonicalize_dtype(dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype):
@@ -44,7 +45,7 @@ def to_device(value: Any, dtype: Any = None) -> Array:
 def to_host(value: Any) -> Any:
     """Convert a concrete value to a NumPy array, so that later operations compile nothing.
 
-    Tracers are returned as they are; lists with tracers become JAX arrays.
+    Tracers are returned as they are; lists and tuples with tracers become JAX arrays.
     """
     if isinstance(value, Tracer):
         return value
@@ -54,5 +55,5 @@ def to_host(value: Any) -> Any:
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether the value of some leaf is known only when a program runs."""
+    """Whether some leaf of a tree is a tracer, whose value is known only when a program runs."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

@@ -1,4 +1,4 @@
-"""Double-float arithmetic: each number is a pair of floats, for twice their precision.
+"""Double-float arithmetic, in which a number is a pair of floats, for twice their precision.
 
 The value of a pair (high, low) is the exact sum of both, and `low` is at most half a unit in the
 last place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays
@@ -22,24 +22,27 @@ Pair = tuple[Any, Any]
 """A number as (high, low): the nearest float, and the rest."""
 
 Point = tuple[Pair, Pair]
-"""Two coordinates, x and y."""
+"""The coordinates x and y of a point or a vector, each a double float."""
 
 
 def pair_of(x: Any) -> Pair:
-    """The pair that holds a float exactly."""
+    """Make the pair whose value is exactly the float `x`."""
     xp = x.__array_namespace__()
     return x, xp.zeros_like(x)
 
 
 def sum_of(a: Any, b: Any) -> Pair:
-    """The exact sum of two floats."""
+    """The exact sum of two floats, as a pair."""
     high = a + b
     rounded_b = high - a
     return high, (a - (high - rounded_b)) + (b - rounded_b)
 
 
 def product_of(a: Any, b: Any) -> Pair:
-    """The exact product of two floats, each below 2^100 in size so that no part overflows."""
+    """The exact product of two floats, as a pair.
+
+    Both are below 2^100 in size, so that no part overflows.
+    """
     high = a * b
     (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
     low = ((a_high * b_high - high) + a_high * b_low + a_low * b_high) + a_low * b_low
@@ -79,24 +82,27 @@ def cross(a: Point, b: Point) -> Pair:
 
 
 def scale(a: Pair, power_of_two: Any) -> Pair:
-    """A pair times a power of two, which is exact."""
+    """Multiply a pair by a power of two, which is exact."""
     return a[0] * power_of_two, a[1] * power_of_two
 
 
 def choose(condition: Any, a: Pair, b: Pair) -> Pair:
-    """The entries of `a` where the condition is true, else of `b`."""
+    """Select the entries of `a` where the condition is true, else the entries of `b`."""
     xp = condition.__array_namespace__()
     return xp.where(condition, a[0], b[0]), xp.where(condition, a[1], b[1])
 
 
 def _normalized(high: Any, low: Any) -> Pair:
-    """Renormalise a pair so that `low`, which must be the smaller, is the rounding of `high`."""
+    """Make the pair of value `high` + `low`, whose `high` is this sum rounded to a float.
+
+    The given `low` must be the smaller in size.
+    """
     total = high + low
     return total, low - (total - high)
 
 
 def _halves(x: Any) -> Pair:
-    """Two numbers of half the digits that add up to x."""
+    """Split x into two floats of half its digits each, whose sum is exactly x."""
     digits = np.finfo(x.dtype).nmant + 1
     spread = x * (2.0 ** (digits - digits // 2) + 1.0)
     high = spread - (spread - x)

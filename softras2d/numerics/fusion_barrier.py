@@ -23,11 +23,12 @@ R = TypeVar("R")
 
 
 def materialized(function: Callable[P, R], **jit_options) -> Callable[P, R]:
-    """Compile `function` as a call of its own on the CPU, so that its results are in memory.
+    """Wrap `function` so that on the CPU its results are written to memory before they are read.
 
-    Values and derivatives are those of `function`. Inside the function, fusion goes on as usual. On
-    other devices the compiler weighs the cost of repeating work, and `function` is called as it is.
-    `jit_options` are those of `jax.jit`.
+    On the CPU the wrapped function is compiled as a call of its own, inside which fusion goes on as
+    usual. On other devices the compiler weighs the cost of repeating work, and `function` is called
+    as it is. Values and derivatives are those of `function`. `jit_options` are passed to `jax.jit`,
+    such as `static_argnames`.
     """
 
     def call_inside(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -17,15 +17,15 @@ from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
 Map = Callable[[Any, Any], Any]
-"""Function from `(fixed, array)` to one array, linear in the array."""
+"""A function of `(fixed, array)` that returns one array and is linear in `array`."""
 
 
 def linear_map(forward: Map, backward: Map) -> Map:
-    """Make a map from `forward(fixed, x)`, linear in the array `x`, and its transpose.
+    """Make a function that computes `forward(fixed, x)`, with a transpose written by hand.
 
-    The transpose is `backward(fixed, y)`. Both are traced as usual; neither may close over traced
-    values. `fixed` is any tree of arrays. Derivatives with respect to it are those of `forward`, by
-    autodiff.
+    `forward` is linear in the array `x`, and `backward(fixed, y)` is its transpose. Both are traced
+    as usual; neither may close over traced values. `fixed` is any tree of arrays. Derivatives with
+    respect to `fixed` are taken of `forward`, by autodiff.
     """
 
     def apply(fixed: Any, x: Any) -> Any:
@@ -41,15 +41,18 @@ def linear_map(forward: Map, backward: Map) -> Map:
 
 
 class _MapAndTranspose:
-    """Both directions as functions of `x` and the leaves of `fixed`; a static parameter."""
+    """A map and its transpose, as functions of an array and of the leaves of `fixed`.
+
+    It is a static parameter of the primitive.
+    """
 
     def __init__(self, forward: Callable[..., Any], backward: Callable[..., Any]):
         self.forward, self.backward = forward, backward
 
     def batched(self, axes: tuple[Any, ...]) -> "_MapAndTranspose":
-        """Batch both directions over a leading axis of `x`, and of some leaves.
+        """Batch the map and its transpose over a leading axis of the array and of some leaves.
 
-        These are the leaves whose entry in `axes` is not None.
+        `axes` has one entry for each leaf: 0 for a leaf with such an axis, None for one without.
         """
         return _MapAndTranspose(*(jax.vmap(f, (0, *axes)) for f in (self.forward, self.backward)))
 
@@ -58,7 +61,7 @@ _linear_map = Primitive("linear_map")
 
 
 def _run(x, *leaves, pair: _MapAndTranspose):
-    """The value, which is also the lowering."""
+    """Compute the value. The primitive is lowered by tracing this function."""
     return pair.forward(x, *leaves)
 
 

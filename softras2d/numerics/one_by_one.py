@@ -1,8 +1,8 @@
 """Functions that a batch calls once per element, one element after another.
 
-`jax.vmap` makes every operation of a function one operation on the whole batch. On a CPU this is
+`jax.vmap` makes every operation of a function one operation on the complete batch. On a CPU it is
 slow where the arrays of one element fill the cache already: each operation then reads and writes
-those of the whole batch in memory. Such a function is better called once per element.
+the arrays of the complete batch in main memory. Such a function is better called once per element.
 """
 
 from collections.abc import Callable
@@ -18,12 +18,13 @@ Result = TypeVar("Result")
 
 
 def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Result]:
-    """The function, a batch of which is computed by `jax.lax.map`.
+    """Wrap a function so that `jax.vmap` of it computes one element after another.
 
-    It maps a tree of arrays to a tree of arrays, and may not close over traced values. Its
-    derivative is that of the function itself. The gradient of a batch goes element after element,
-    and calls the function again: storing its intermediate arrays for the whole batch takes longer.
-    A batch of gradients is vectorised as usual.
+    `function` maps a tree of arrays to a tree of arrays, and may not close over traced values. The
+    wrapped function has the same values and derivatives; under `jax.vmap` it is a `jax.lax.map`.
+    The gradient of a batch also goes element after element, and calls the function again: storing
+    its intermediate arrays for the complete batch takes longer. A batch of gradients is vectorised
+    as usual.
     """
 
     def call(inputs: Inputs) -> Result:
@@ -42,7 +43,7 @@ _one_by_one.multiple_results = True
 
 
 def _run(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
-    """The value, which is also the lowering."""
+    """Compute the value. The primitive is lowered by tracing this function."""
     return jaxpr_as_fun(jaxpr)(*leaves)
 
 
@@ -51,7 +52,7 @@ def _shapes(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
 
 
 def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[Any]]:
-    """Differentiate the function itself: what was batched before is a `jax.lax.map` by now."""
+    """Differentiate the traced function; where it was batched, it holds a `jax.lax.map` by now."""
     active = [i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero]
 
     def by_active(*values: Any) -> list[Any]:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 _ROW = 64
-"""Number of entries of a row."""
+"""Number of entries in a row."""
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
@@ -26,9 +26,10 @@ def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
 def list_flagged(
     flags: Bool[Array, " n"], *, capacity: int
 ) -> tuple[Int[Array, " capacity"], Int[Array, ""]]:
-    """List the indices of the entries that are true, in order, and count them.
+    """List the indices of the flags that are true, in order; also return their number.
 
-    Unused entries of the list are `n`. The `capacity` must be `n` or more.
+    Entries of the list after the last index are `n`, the number of flags. `capacity`, the length of
+    the list, must be `n` or more.
     """
     size = flags.shape[0]
     end = cumulative_sum(flags.astype(jnp.int32))
@@ -38,12 +39,12 @@ def list_flagged(
 
 
 def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Maximum of all entries up to and including each entry; entries must be 0 or more."""
+    """Maximum of all entries up to and including each entry, for entries of 0 or more."""
     return _scan(x, jnp.maximum)
 
 
 def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
-    """Combine all entries up to and including each entry; 0 is the neutral element of `join`."""
+    """Combine all entries up to and including each entry by `join`, whose neutral element is 0."""
     count = x.shape[0]
     rows = -(-count // _ROW)
     table = jnp.pad(x, (0, rows * _ROW - count)).reshape(rows, _ROW)
@@ -53,7 +54,11 @@ def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
 
 
 def _scan_rows(table: Array, join: Callable[[Array, Array], Array]) -> Array:
-    """Scan each row in doubling steps: combine with the entry 1 before, then 2, 4 and so on."""
+    """Scan each row in doubling steps.
+
+    Each entry is combined with the entry 1 before it, then with the entry 2 before it, then 4, and
+    so on.
+    """
     length = table.shape[1]
     zeros = jnp.zeros_like(table)
 

@@ -1,4 +1,7 @@
-"""A loop over those lanes of an array that need work, gathered into groups."""
+"""A loop over the lanes that need work, in groups.
+
+A lane is one item of work, such as an index along the last axis of several arrays.
+"""
 
 import functools
 from collections.abc import Callable
@@ -23,10 +26,11 @@ def visit_selected(
     visit: Callable[[Int[Array, " group"], State], State],
     state: State,
 ) -> State:
-    """Compute `state = visit(lanes, state)` for groups of the selected lanes.
+    """Compute `state = visit(lanes, state)` for one group of selected lanes after another.
 
-    `lanes` are their indices. Unused entries of the last group are the number of lanes, an index
-    past the last: gather with the mode "clip", and write with "drop".
+    `lanes` has the indices of `_GROUP` selected lanes. In the last group unused entries are one
+    past the last lane: `visit` should gather with the mode "clip", and write with "drop". Returns
+    the last state.
     """
     capacity = selected.size + -selected.size % _GROUP
     indices, count = materialized(functools.partial(list_flagged, capacity=capacity))(selected)

@@ -1,14 +1,16 @@
 """Chooses the capacities of the lists of a render from the lengths that scenes need.
 
-Arrays of a compiled program have fixed lengths. What scenes need is counted (`list_counts`), given
-headroom, and rounded up to a size class (`Headroom`).
+Arrays of a compiled program have fixed lengths. The lengths that concrete scenes need are counted
+(`list_counts`), increased by a headroom, and rounded up to a size class. A *size class* in this
+file is one of the few lengths that a list may have, as `Headroom` says.
 
-Every distinct set of capacities is compiled as a program. Scenes of one kind should need few sets,
-however many triangles they have. So the number of slots in all chunks, which makes up most of the
-cost of a render, has size classes of its own, and the capacities of strips, pairs and crossings are
-that number times a power of two (for crossings, also three quarters of one). The factor follows
-from the ratio of the needs, which is much the same for 100 triangles as for 2,000. Above
-`Headroom.small_slots`, which is 0 for analytic coverage, each list has a size class of its own.
+Every distinct set of capacities is compiled as a program of its own. Scenes of one kind should need
+few sets, however many triangles they have. So the number of slots in all chunks, on which most of
+the cost of a render depends, is rounded to a size class, and the capacities of strips, pairs and
+crossings follow from it: they are that number times a power of two (for crossings, also three
+quarters of one). The factor follows from the ratio of the needs, which is much the same for 100
+triangles as for 2,000. Plans of more than `Headroom.small_slots` slots, and all plans for analytic
+coverage, round each list to a size class of its own.
 """
 
 import math
@@ -23,14 +25,17 @@ from .list_counts import Counts
 
 
 class Capacity(NamedTuple):
-    """Capacities of lists whose lengths depend on the values of a scene.
+    """Capacities, in entries, of the lists whose lengths depend on the values of a scene.
 
-    - `strips`: pairs of a triangle and a row of tiles; `pairs`: of a triangle and a tile.
-    - `layers`: slots of one chunk; `chunks`: number of chunks, in all tiles; `max_chunks`: in one
-      tile.
-    - `steps`: sum over the blocks of `BLOCK` tiles of the longest list in each, for what goes
-      through lists in order: translucency and the depth test.
-    - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes that are shaded.
+    - `strips`: pairs of a triangle and a row of tiles.
+    - `pairs`: pairs of a triangle and a tile.
+    - `layers`: slots of one chunk, which is a choice of the plan and not the length of a list.
+    - `chunks`: chunks of all tiles together.
+    - `max_chunks`: upper bound on the chunks of any one tile.
+    - `steps`: steps through the lists in order (`lists.Steps`), which translucency and the depth
+      test take. A block of `BLOCK` tiles takes as many as its longest list has entries.
+    - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes whose colours
+      are evaluated point by point.
     - `crossings`: runs of crossings (`gradients.crossings`), each of up to `LINES` crossings of one
       edge, for derivatives with respect to positions.
     """
@@ -46,9 +51,10 @@ class Capacity(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """Length of each list of `Capacity` that a scene needed, known after its program has run.
+    """Lengths of the lists of `Capacity` that a scene needed, known after its program has run.
 
-    `layers` stays 0: it is chosen by the plan, and no scene needs more or less of it.
+    A list that the program does not make has 0. `layers` is always 0: it is chosen by the plan, and
+    no scene needs more or less of it.
     """
 
     strips: int | Int[Array, ""] = 0
@@ -62,17 +68,20 @@ class Needs(NamedTuple):
 
 
 class Headroom(NamedTuple):
-    """How capacities follow from needs.
+    """How the capacities of a plan follow from the needs of its scenes.
 
     Unused capacity costs as much as used capacity. But with little headroom, triangles that move
-    outgrow their plan, and similar scenes do not share programs.
+    outgrow their plan, and similar scenes do not share programs. Numbers of slots below count the
+    slots of all chunks of a plan together.
 
-    - `merge_cost`: cost of merging one chunk, in slots.
-    - `divisor`: the headroom of a need is the need divided by this, rounded up.
-    - `least_slots`: least number of slots of a plan, and least capacity for strips and for pairs.
-    - `coarse_slots`: up to this number of slots, size classes are powers of two; above it, also
-      three quarters of powers of two.
-    - `fine_slots`: above this number of slots, also five and seven eighths of powers of two.
+    - `merge_cost`: cost of merging one chunk with the others of its tile, as a number of slots of
+      equal cost.
+    - `divisor`: a need is increased by the need divided by this, rounded up.
+    - `least_slots`: least number of slots, and least capacity for strips and for pairs.
+    - `coarse_slots`: up to this number of slots, size classes of the slots are powers of two; above
+      it, also three quarters of powers of two.
+    - `fine_slots`: above this number of slots, also five and seven eighths of powers of two; None
+      for no such size classes.
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
       in proportion to the slots.
     - `list_all_slots`: if one slot for every triangle in every tile makes no more slots than this,
@@ -107,24 +116,25 @@ ANALYTIC_HEADROOM = Headroom(
     small_slots=0,
     list_all_slots=2**11,
 )
-"""Size classes of small scenes are finer than for sampled coverage, as a slot of a gradient costs
-several times as much."""
+"""Headroom for analytic coverage. Size classes of few slots are finer than for sampled coverage,
+because a slot costs several times as much in a gradient."""
 
 VARYING_HEADROOM = ANALYTIC_HEADROOM._replace(merge_cost=1)
-"""Where colours vary within a triangle, a slot costs more, so that a chunk costs fewer slots."""
+"""Headroom for analytic coverage where colours vary within a triangle: a slot then costs more, so
+that merging a chunk costs as much as fewer slots."""
 
 LAYERS = (2, 4, 8)
-"""Numbers of slots that a chunk may have."""
+"""Numbers of slots that a chunk may have, smallest first."""
 
 _LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
-"""Least capacities for steps, crossings and fragments. They cost next to nothing, and small scenes
-with different needs share programs because of them."""
+"""Least capacities for steps, for runs of crossings and for fragments. They cost next to nothing,
+and let small scenes with different needs share programs."""
 
 _LEAST_MAX_CHUNKS, _COARSE_MAX_CHUNKS = 4, 16
-"""Least `Capacity.max_chunks`, and that of small scenes."""
+"""Least `Capacity.max_chunks` of all plans, and of plans of up to `Headroom.small_slots` slots."""
 
 _MAX_CHUNKS_DIVISOR = 4
-"""As `Headroom.divisor`, for `Capacity.max_chunks`."""
+"""Takes the place of `Headroom.divisor` for `Capacity.max_chunks`."""
 
 _LEAST_RATIO = 0.25
 """Least ratio of a capacity to the number of slots, for lists in proportion to the slots."""
@@ -138,11 +148,12 @@ def choose_capacity(
     headroom: Headroom,
     layers: int | None = None,
 ) -> Capacity:
-    """Choose capacities for the largest needs of the scenes counted, with headroom.
+    """Choose capacities for the largest needs of the scenes, with headroom.
 
+    - `counts`: lengths of the lists of each scene.
     - `in_order`: whether lists are visited in order, for translucency or for the depth test.
     - `pixels`: number of pixels of the canvas.
-    - `layers`: slots of a chunk; unless given, the number of least cost.
+    - `layers`: slots of a chunk; None chooses the number of least cost.
     """
     layers = choose_layers(counts, headroom) if layers is None else layers
     chunks = [_chunks_of_tiles(scene, layers) for scene in counts]
@@ -163,7 +174,7 @@ def choose_capacity(
         pair_capacity = _in_proportion(max(strips, pairs), needed_slots, slots)
         # Strips cost least of all: as many as pairs, or a quarter of them.
         strip_capacity = pair_capacity // 4 if 4 * strips <= pairs else pair_capacity
-        # Crossings are a tenth of the cost of a gradient, so their classes are finer.
+        # Crossings are a tenth of the cost of a gradient, so their size classes are finer.
         crossing_capacity = _in_proportion(crossings, needed_slots, slots, halves=True)
     return Capacity(
         strips=max(strip_capacity, headroom.least_slots),
@@ -178,29 +189,33 @@ def choose_capacity(
 
 
 def choose_layers(counts: Sequence[Counts], headroom: Headroom) -> int:
-    """Choose the number of slots of a chunk that costs least over all scenes."""
+    """Choose the number of slots of a chunk, of those in `LAYERS`, that costs least in total.
+
+    The total is over all scenes. Small scenes always get the smallest number.
+    """
     chunks = {
         layers: [int(_chunks_of_tiles(scene, layers).sum()) for scene in counts]
         for layers in LAYERS
     }
     smallest = LAYERS[0]
     if _slot_class(smallest * max(chunks[smallest]), headroom) == headroom.least_slots:
-        # Small scenes share programs: all have the same chunks, whatever is best for each.
+        # Small scenes share programs: all have chunks of one size, whatever is best for each.
         return smallest
-    # A chunk costs its slots, and its merging.
+    # A chunk costs as much as its slots, plus its merging.
     return min(LAYERS, key=lambda layers: (layers + headroom.merge_cost) * sum(chunks[layers]))
 
 
 def _chunks_of_tiles(scene: Counts, layers: int) -> np.ndarray:
-    """Number of chunks of each tile, greatest first."""
+    """Number of chunks of `layers` slots that each tile needs, greatest first."""
     return -(-scene.list_lengths // layers)
 
 
 def _in_proportion(need: int, needed_slots: int, slots: int, *, halves: bool = False) -> int:
-    """Capacity for `need`: `slots` times the least power of two not below `need / needed_slots`.
+    """Capacity for a list that needs `need` entries, in proportion to the slots of the plan.
 
-    The factor is at least `_LEAST_RATIO`. With `halves`, three quarters of a power of two are
-    allowed too.
+    It is `slots`, the number of slots of the plan, times the least power of two that is not below
+    `need / needed_slots` nor below `_LEAST_RATIO`. With `halves`, three quarters of a power of two
+    are allowed too.
     """
     ratio = max(need / needed_slots, _LEAST_RATIO)
     octave = 2.0 ** math.ceil(math.log2(ratio))
@@ -208,7 +223,7 @@ def _in_proportion(need: int, needed_slots: int, slots: int, *, halves: bool = F
 
 
 def _slot_class(need: int, headroom: Headroom) -> int:
-    """Capacity for the slots of all chunks."""
+    """Size class for the slots of all chunks together: the number needed, plus its headroom."""
     wanted = _with_headroom(need, headroom)
     if headroom.fine_slots is not None and wanted > headroom.fine_slots:
         # An image of a large scene takes as long as its slots, used or not.
@@ -218,9 +233,10 @@ def _slot_class(need: int, headroom: Headroom) -> int:
 
 
 def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
-    """Capacity for the chunks of the fullest tile: a power of two, at least a quarter above need.
+    """Choose `Capacity.max_chunks`: a power of two, at least a quarter above `need`.
 
-    This need varies most from scene to scene, and its capacity costs least.
+    `need` is the number of chunks of the tile with the longest list, and `slots` the number of
+    slots of the plan. This need varies most from scene to scene, and its capacity costs least.
     """
     need -= -need // _MAX_CHUNKS_DIVISOR
     if slots <= headroom.small_slots:
@@ -229,10 +245,10 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
 
 
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
-    """Capacity for fragments, each of which costs a shading.
+    """Capacity for fragments, each of which costs a shading; 0 if none are needed.
 
-    A scene that fills the canvas needs one for each pixel and few more. So the capacity is at most
-    the number of pixels, plus a size class for what is needed beyond it.
+    A scene that fills the canvas of `pixels` pixels needs one fragment for each pixel and few more.
+    So the capacity is at most the number of pixels, plus a size class for the need beyond it.
     """
     if need == 0:
         return 0
@@ -245,7 +261,10 @@ def _with_headroom(need: int, headroom: Headroom) -> int:
 
 
 def _size_class(need: int, least: int, coarse: int) -> int:
-    """Round up to a power of two, beyond `coarse` also to 3/4 of one, and to `least` at least."""
+    """Round a length up to a size class of at least `least` entries.
+
+    Size classes are powers of two, and above `coarse` also three quarters of powers of two.
+    """
     octave = 1 << (max(need, 1) - 1).bit_length()
     if octave > coarse and 4 * need <= 3 * octave:
         octave = 3 * octave // 4

@@ -1,4 +1,4 @@
-"""Effects that a render may simulate, one table row each.
+"""Effects that a render may draw, one row of a table each.
 
 A scene pays only for the effects that it calls for. Most of them can be read from the structure of
 the scene, so that the compiled program of a scene without an effect does not contain it.
@@ -22,7 +22,7 @@ class Drawing(NamedTuple):
     """A concrete scene and how it is drawn.
 
     - `grid`: canvas, samples and snapping grid.
-    - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
+    - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     """
 
     scene: Scene
@@ -35,9 +35,11 @@ class Drawing(NamedTuple):
 class Effect(NamedTuple):
     """One effect of a render.
 
-    - `reason`: what in the scene or in the options calls for it, for people.
-    - `is_present`: whether a drawing has it, if its coverage mode draws it at all.
-    - `without`: the drawing less this effect: another picture, for comparison of costs.
+    - `reason`: text that tells a user what in the scene or in the options calls for the effect.
+    - `is_present`: whether a drawing calls for the effect. It does not ask whether the drawing's
+      coverage mode has such an effect; the lists of effects in `rendering.coverage_mode` say that.
+    - `without`: returns the drawing without the effect. `rendering.cost` compares what both cost,
+      and `simplify` removes effects that do not show.
     """
 
     reason: str
@@ -46,7 +48,7 @@ class Effect(NamedTuple):
 
 
 def is_translucent(scene: Scene) -> bool:
-    """Whether a triangle may be translucent, so that all triangles are composited."""
+    """Whether colours or textures have an alpha channel, so that all triangles are composited."""
     textures = scene.textures
     return scene.colors.shape[-1] == 4 or (textures is not None and textures.channels == 4)
 
@@ -57,10 +59,10 @@ def varies(scene: Scene) -> bool:
 
 
 def is_shaded(scene: Scene, shading: str) -> bool:
-    """Whether colours are evaluated point by point; `shading` as in `Hard`.
+    """Whether the colours of a scene are evaluated point by point; `shading` is `Hard.shading`.
 
-    Otherwise they are affine on the screen and taken at each sample: sums over the positions of
-    the covered samples are enough.
+    Otherwise they are affine on the screen and wanted at each sample. Their sum over the covered
+    samples then follows from the number of these samples and the sums of their positions.
     """
     is_not_affine = scene.inverse_w is not None or shading == "pixel"
     return scene.textures is not None or (varies(scene) and is_not_affine)
@@ -193,13 +195,16 @@ SCENE_EFFECTS = frozenset(
         "perspective",
     }
 )
-"""Effects of colours and textures, which every coverage mode draws."""
+"""Names of the effects of colours and textures, which every coverage mode draws."""
 
 
 def is_occluder(scene: Scene, orientation: Any) -> Any:
-    """Whether nothing shows through each triangle `[triangles]` where it is drawn.
+    """Whether each triangle is known to be opaque wherever it covers, hiding what is behind it.
 
-    With depth none is known to be an occluder. For numpy and jax alike.
+    `orientation` and the result are `[triangles]`, and `orientation` is the sign of the area. Not
+    counted are triangles of no area, triangles with a texture if textures have alpha, and, as draw
+    order does not tell there what is behind, all triangles of a scene with depth. For numpy and
+    jax alike.
     """
     xp = orientation.__array_namespace__()
     solid = orientation != 0

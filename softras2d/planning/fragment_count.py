@@ -1,4 +1,4 @@
-"""Counts on the host how many fragments a scene has: (triangle, pixel) pairs with a visible sample.
+"""Counts, on the host, the fragments of a scene: (triangle, pixel) pairs with a visible sample.
 
 Coverage words come from `coverage/sampled.py`, which runs on numpy and jax arrays alike.
 """
@@ -22,6 +22,7 @@ _BATCH = 4096
 class ListedPairs(NamedTuple):
     """Pairs of a tile and a triangle that no occluder hides, in any order.
 
+    - `tile`, `triangle`: index of the tile and of the triangle.
     - `covers_tile`: whether the triangle covers the whole tile.
     """
 
@@ -31,8 +32,10 @@ class ListedPairs(NamedTuple):
 
 
 class DepthPlanes(NamedTuple):
-    """Depth of each triangle: at sample (0, 0), and its steps from sample to sample.
+    """Depth of each triangle as an affine function on the samples of the canvas.
 
+    - `start`: depth at sample (0, 0).
+    - `right`, `down`: change of the depth from a sample to the next one to the right or below.
     - `error`: bound on the difference from the depth that a device computes; 0 for triangles of
       constant depth.
     """
@@ -44,7 +47,11 @@ class DepthPlanes(NamedTuple):
 
 
 class _TileLists(NamedTuple):
-    """Lists of some tiles, nearest triangle first: pairs `start..start + count - 1`."""
+    """Lists of some tiles, nearest triangle first.
+
+    - `tile`, `triangle`: indices of both, for every pair of all tiles.
+    - `start`, `count`: for each list, the index of its first pair, and the number of its pairs.
+    """
 
     tile: np.ndarray
     triangle: np.ndarray
@@ -52,13 +59,17 @@ class _TileLists(NamedTuple):
     count: np.ndarray
 
     def at(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """The lists that are longer than `position`, and the pair of each at this position."""
+        """Indices of the lists longer than `position`, and of the pair that each has there."""
         longer = np.flatnonzero(self.count > position)
         return longer, self.start[longer] + position
 
 
 WordsOfPairs = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Maps pairs to coverage words: samples at which they may show, and those that they surely hide."""
+"""A function from indices of pairs to two arrays of coverage words `[pairs, rows]`.
+
+The first has the samples at which a pair's triangle may show unless a nearer one of the list hides
+it, the second the samples at which it surely hides everything behind it.
+"""
 
 
 def count_fragments(
@@ -68,7 +79,7 @@ def count_fragments(
     depth: DepthPlanes | None,
     tiling: Tiling,
 ) -> int:
-    """Number of fragments of an opaque scene.
+    """Number of fragments of an opaque scene; `depth` is None for a scene without depth.
 
     With depth it is an upper bound: of triangles whose depths agree to within their rounding
     errors, each may show.
@@ -101,7 +112,7 @@ def count_fragments(
 
 
 def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Tiling) -> int:
-    """Number of pixels in which each listed triangle may show, summed over the triangles."""
+    """Number of pixels in which each listed triangle may show, summed over all lists."""
     hidden = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
     total = 0
     for position in range(int(lists.count.max())):
@@ -114,7 +125,10 @@ def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Til
 
 
 def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
-    """Depth planes for corners `[triangles, 3, 2]` in pixels; the mean depth where area is 0."""
+    """Compute the depth planes of a scene whose snapped corners are `[triangles, 3, 2]`, in pixels.
+
+    A triangle of no area has the mean depth of its corners everywhere.
+    """
     assert scene.depth is not None
     x, y = np.nan_to_num(corners.astype(np.float64)).transpose(2, 1, 0)
     z = np.asarray(scene.depth, np.float64)[np.asarray(scene.triangles)].T
@@ -124,7 +138,7 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
     right, down = (z1 * y2 - z2 * y1) * per_area, (z2 * x1 - z1 * x2) * per_area
     first = 0.5 / grid.rate
     start = np.where(area != 0, z[0] + right * (first - x[0]) + down * (first - y[0]), z.mean(0))
-    # Corners are snapped by up to half a unit each way, and float32 interpolates.
+    # Snapping moves corners by up to half a grid unit along each axis; float32 interpolates.
     snapped = (np.abs(right) + np.abs(down)) * 2.0**-grid.bits
     error = np.minimum(snapped, np.ptp(z, axis=0)) + 2.0**-20 * np.abs(z).max(0, initial=0)
     error = np.where(np.ptp(z, axis=0) == 0, 0.0, error)
@@ -134,10 +148,12 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
 def _test_depth(
     lists: _TileLists, words_of: WordsOfPairs, depth: DepthPlanes, tiling: Tiling
 ) -> WordsOfPairs:
-    """Samples at which triangles may be the nearest, and at which they surely are.
+    """Make the `WordsOfPairs` of lists with depth from `words_of`, the covered samples.
 
-    Rounding errors, which differ between devices, decide which of two surfaces at nearly one depth
-    is nearer. Where depths agree to within their errors, all of the triangles may show.
+    The first word has the samples at which the triangle may be the nearest of its list, the second
+    those at which it surely is. Rounding errors, which differ between devices, decide which of two
+    surfaces at nearly one depth is nearer. Where depths agree to within their errors, all of the
+    triangles may show.
     """
     first_pair = int(lists.start.min())
     pairs = int((lists.start + lists.count).max()) - first_pair
@@ -149,7 +165,11 @@ def _test_depth(
     def visit_pairs() -> Iterator[
         tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     ]:
-        """Tiles, their pairs at one position, covered samples, and both bounds of the depth."""
+        """Yield, for each position, the lists that reach it and the pair that each has there.
+
+        Also yields the covered samples `[lists, rows, columns]`, and the lower and the upper bound
+        on the depth at each sample.
+        """
         for position in range(int(lists.count.max())):
             tiles, pair = lists.at(position)
             covered = ((words_of(pair)[0][..., None] >> bit) & 1).astype(bool)
@@ -175,7 +195,11 @@ def _test_depth(
 def _depth_at_samples(
     depth: DepthPlanes, triangle: np.ndarray, tile: np.ndarray, tiling: Tiling
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth at all samples `[pairs, rows, columns]` of each triangle's tile, and its error."""
+    """Depth of each pair's triangle at the samples of its tile, and the bound on its error.
+
+    The depth is `[pairs, rows, columns]`, with rows in `sampled.row_order`; the error is
+    `[pairs, 1, 1]`.
+    """
     column, row = tiling.first_sample(tile)
     start, right, down, error = (entry[triangle, None, None] for entry in depth)
     columns = column[:, None, None] + np.arange(tiling.sample_columns, dtype=np.uint32)

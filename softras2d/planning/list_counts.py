@@ -1,6 +1,7 @@
 """Counts, in numpy, how long the lists of a render become for a concrete scene.
 
-The functions that count are those that list on the device: `project` and `find_pairs` run on both.
+Strips and pairs are counted by the functions that list them on the device: `project` and
+`find_pairs` run in numpy and in JAX alike.
 """
 
 from typing import NamedTuple
@@ -23,16 +24,21 @@ from .effects import is_occluder, is_shaded, is_translucent
 from .fragment_count import ListedPairs, count_fragments, depth_planes
 
 MOST_PAIRS = 2**27
-"""Pairs of a triangle and a tile that one render may list, at some 70 bytes each."""
+"""Greatest number of pairs of a triangle and a tile that one render may list.
+
+A pair takes some 70 bytes of memory.
+"""
 
 
 class Counts(NamedTuple):
-    """Lengths of the lists of one scene.
+    """Lengths that the lists of one scene need.
 
-    - `strips`, `pairs`: numbers of both, including hidden pairs.
-    - `list_lengths`: number of listed pairs of each tile, longest first; without hidden pairs.
-    - `fragments`: 0 where a render never needs any.
-    - `crossings`: None where a render never needs any.
+    - `strips`, `pairs`: number of strips and of pairs, including hidden pairs.
+    - `list_lengths`: number of triangles listed for each tile, without hidden pairs; the longest
+      list comes first, whatever its tile.
+    - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
+    - `crossings`: number of runs of crossings (`gradients.crossings`); None if no render of the
+      scene uses a list of them.
     """
 
     strips: int
@@ -43,7 +49,11 @@ class Counts(NamedTuple):
 
 
 def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
-    """Count the lists of sampled coverage; raises `ValueError` for too many pairs."""
+    """Count the lists of a scene under sampled coverage.
+
+    `origin` is the point (x, y) of the scene, in whole pixels, at the canvas's upper left. Raises
+    `ValueError` for more than `MOST_PAIRS` strips or pairs.
+    """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
     corners, segments, edges, bounds = _project(scene, grid, coverage, origin)
@@ -63,10 +73,13 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
 def count_analytic_lists(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
-    """Count the lists of analytic coverage, which reaches `reach` pixels beyond the edges.
+    """Count the lists of a scene under analytic coverage.
 
-    `summed`: whether areas are added, so that no triangle hides another. Raises `ValueError` for
-    too many pairs.
+    - `reach`: how far coverage extends beyond the edges, in pixels.
+    - `origin`: as in `count_sampled_lists`.
+    - `summed`: whether signed areas are added, so that no triangle hides another.
+
+    Raises `ValueError` for more than `MOST_PAIRS` strips or pairs.
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
@@ -78,7 +91,10 @@ def count_analytic_lists(
 def sampled_list_lengths(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of listed pairs of each tile under sampled coverage, where the tile lies."""
+    """Number of triangles listed for each tile under sampled coverage.
+
+    The result has the rows and columns of the tiling. Arguments are as in `count_sampled_lists`.
+    """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
     _, segments, edges, bounds = _project(scene, grid, coverage, origin)
@@ -89,7 +105,10 @@ def sampled_list_lengths(
 def analytic_list_lengths(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of listed pairs of each tile under analytic coverage, where the tile lies."""
+    """Number of triangles listed for each tile under analytic coverage.
+
+    The result has the rows and columns of the tiling. Arguments are as in `count_analytic_lists`.
+    """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
     triangles = reached_triangles(corners, tiling.grid, np.float32(reach))
@@ -101,7 +120,10 @@ def analytic_list_lengths(
 def _project(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> tuple[Corners, GridTriangles, Edges, SampleBounds]:
-    """Corners and edges of a scene on the host, with far triangles cut to the guard band."""
+    """Project a scene on the host, with far triangles cut to the guard band.
+
+    Returns its corners, directed edges, edge functions and sample bounds.
+    """
     return project(scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True)[:4]
 
 
@@ -113,7 +135,10 @@ def _lengths_by_tile(listed: ListedPairs, tiling: Tiling) -> Int[np.ndarray, "ro
 def _count_pairs(
     edges: Edges | Lines, bounds: SampleBounds, occluders: np.ndarray, tiling: Tiling
 ) -> tuple[Counts, ListedPairs]:
-    """Count strips and pairs; return also the pairs that `tiles.list_tiles` lists on the device."""
+    """Count strips and pairs, and return the pairs that `tiles.list_tiles` lists on the device.
+
+    The counts have no fragments and no crossings yet.
+    """
     pairs = find_pairs(
         edges,
         bounds,
@@ -130,7 +155,7 @@ def _count_pairs(
 
 
 def _expand_unless_many(count: np.ndarray) -> Expansion:
-    """`expand_on_host`; raises `ValueError` for more than `MOST_PAIRS` entries."""
+    """Do as `expand_on_host` does, but raise `ValueError` for more than `MOST_PAIRS` entries."""
     pairs = int(count.sum(dtype=np.int64))
     if pairs > MOST_PAIRS:
         raise ValueError(

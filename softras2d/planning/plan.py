@@ -1,4 +1,4 @@
-"""The plan of a render: how a scene is drawn, and how long the lists may become."""
+"""The plan of a render: how a scene is drawn, and how long the lists of a render may become."""
 
 from typing import cast
 
@@ -23,15 +23,17 @@ class Plan(eqx.Module):
     Plans whose static fields are equal share one compiled program. `origin` and `filter.lod_bias`
     are arrays: other values do not recompile.
 
-    - `height`, `width`: of the canvas in pixels; `coverage`, `filter`: as chosen.
-    - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
-    - `capacity`: lengths of the lists.
-    - `side`: pixels along a square tile under analytic coverage; 0 under sampled coverage.
+    - `height`, `width`: size of the canvas, in pixels.
+    - `coverage`, `filter`: the options as chosen.
+    - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
+    - `capacity`: how long each list of a render may become.
+    - `side`: side of the square tiles of analytic coverage, in pixels; 0 under sampled coverage.
     - `lists_all`: whether every tile lists every triangle, so that no positions can outgrow the
-      plan, whatever the number of triangles. `capacity` is then that of the scenes planned for.
+      plan, whatever the number of triangles. `capacity` is then for the scenes planned for, and
+      `capacity_of` computes it for other numbers of triangles.
     - `effects`: names of the rows of `EFFECTS` that the scenes need.
-    - `on_overflow`: whether a compiled program raises an error for a scene that outgrows the plan,
-      or only returns NaN.
+    - `on_overflow`: what a compiled program does for a scene that outgrows the plan: `"raise"`
+      raises an error, `"nan"` only returns NaN.
     - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
       the finest grid that fits the canvas.
     """
@@ -50,17 +52,17 @@ class Plan(eqx.Module):
 
     @property
     def hard(self) -> Hard:
-        """The coverage of a plan for hard mode."""
+        """The `coverage` of the plan, which must be for hard mode."""
         return cast(Hard, self.coverage)
 
     @property
     def cuts_far_triangles(self) -> bool:
-        """Whether triangles may reach past the guard band, in hard mode, and are cut to it."""
+        """Whether, in hard mode, triangles past the guard band are expected and cut to it."""
         return GUARD_BAND in self.effects
 
     @property
     def cannot_be_outgrown(self) -> bool:
-        """Whether the plan holds for all positions of the triangles."""
+        """Whether the plan is large enough for all positions of the triangles."""
         return self.lists_all and (self.side > 0 or self.cuts_far_triangles)
 
     @property
@@ -74,7 +76,7 @@ class Plan(eqx.Module):
         return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
 
     def capacity_of(self, triangles: int) -> Capacity:
-        """Capacities for a scene of this many triangles."""
+        """Capacities for a scene of this many triangles: `capacity`, unless `lists_all`."""
         if not self.lists_all:
             return self.capacity
         return worst_case(triangles, self.tiling, layers=self.capacity.layers)
@@ -105,7 +107,11 @@ class Plan(eqx.Module):
 
     @property
     def buffer_memory(self) -> int:
-        """Bytes of the triangle indices of one layer of `rasterize` (`Hard`) or `pixel_layers`."""
+        """Bytes that the triangle indices of one layer of a visibility buffer take.
+
+        A layer has one index for each sample in `rasterize` (`Hard`), and one for each pixel in
+        `pixel_layers` (`Soft`, `Area`).
+        """
         samples = self.height * self.width * self.grid.samples
         return samples * np.dtype(np.int32).itemsize
 

@@ -17,17 +17,19 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
 
     Looks at concrete values, on the host, for a plan with `origin` (0, 0). Removed are:
 
-    - triangles that do not reach the canvas and, without depth, those of alpha 0;
-    - depth that is the same everywhere, or by which each triangle lies before all that were drawn
-      earlier, or as near;
-    - corner colours where all are equal; `inverse_w` where each triangle's corners agree, or where
-      nothing varies within a triangle;
-    - textures that no triangle uses; alpha of texels and of colours, where it is one everywhere;
+    - triangles that do not reach the canvas and, without depth, triangles of alpha 0;
+    - depth that changes nothing, because no triangle lies deeper than one drawn before it;
+    - corner colours, if the three corners of each triangle have one colour;
+    - `inverse_w`, if the three corners of each triangle have one value, or if nothing varies within
+      a triangle;
+    - textures that no triangle uses;
+    - alpha of texels, and alpha of colours, if it is 1 everywhere;
     - levels above the base, of textures that are only magnified by the `filter` with which the
       scene will be drawn, or of all textures if that filter reads no other level. In perspective an
       upper bound on the footprint decides, which may keep levels that do not show.
 
-    Vertices keep their indices. Raises `ValueError` for invalid values.
+    Without `filter` all levels are kept. Vertices keep their indices. Raises `ValueError` for
+    invalid values.
     """
     grid = Grid.for_canvas(height, width, 1)
     if filter is not None and not isinstance(filter, Filter):
@@ -52,13 +54,13 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
 
 
 def _without(effect: str, scene: Scene, grid: Grid) -> Scene:
-    """The scene without a row of `EFFECTS`."""
+    """Return the scene without the effect of this name, a row of `EFFECTS`."""
     drawing = Drawing(scene, Hard(), Filter(), grid, np.zeros(2, np.int32))
     return EFFECTS[effect].without(drawing).scene
 
 
 def _has_equal_corners(scene: Scene) -> bool:
-    """Whether each triangle has three corner colours, and they are equal."""
+    """Whether triangles have three corner colours, and the three are equal in each triangle."""
     colors = np.asarray(scene.colors)
     return colors.shape[1] == 3 and bool((colors == colors[:, :1]).all())
 
@@ -75,30 +77,30 @@ def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scen
 
 
 def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
-    """Triangles whose bounding box meets the closed canvas."""
+    """Whether the bounding box of each triangle meets the closed canvas."""
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low, high = corners.min(1), corners.max(1)
     return ((high >= 0) & (low <= (width, height))).all(1)
 
 
 def _shows(scene: Scene) -> np.ndarray:
-    """Triangles that are not wholly transparent."""
+    """Whether each triangle is not fully transparent."""
     return (np.asarray(scene.colors)[..., 3:] != 0).any((1, 2)) | (scene.colors.shape[2] == 3)
 
 
 def _is_ordered(scene: Scene) -> bool:
-    """Whether the depth test passes everywhere."""
+    """Whether no triangle lies deeper than one drawn before it, so that depth changes nothing."""
     depth = np.asarray(scene.depth)[np.asarray(scene.triangles)]
     if len(depth) < 2:
         return True
     far, near = depth.max(1), depth.min(1)
-    # Interpolation may miss by a few roundings, but one depth at all corners is kept exactly.
+    # Interpolation errs by a few roundings, but is exact if all three corners have one depth.
     rounding = np.where(far > near, 8 * np.finfo(depth.dtype).eps * np.abs(depth).max(), 0)
     least = np.minimum.accumulate(near - rounding)[:-1]
     return bool((far[1:] + rounding[1:] <= least).all())
 
 
 def _is_affine(scene: Scene) -> bool:
-    """Whether interpolation in perspective is interpolation on the screen."""
+    """Whether perspective changes nothing: the corners of each triangle have one `inverse_w`."""
     inverse_w = np.asarray(scene.inverse_w)[np.asarray(scene.triangles)]
     return bool((inverse_w == inverse_w[:, :1]).all())

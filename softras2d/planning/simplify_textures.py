@@ -11,22 +11,24 @@ from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 
 _ROUNDING = 1e-6
-"""Levels of detail by which float32 may miss a threshold; it changes no image by more."""
+"""Error of a level of detail in float32, in levels; no image changes by more than this."""
 
 
 def used_textures(
     textures: TexturePyramid, index: np.ndarray, base_only: np.ndarray
 ) -> tuple[TexturePyramid, np.ndarray]:
-    """A pyramid of only the textures in `index`, and the indices into it.
+    """Return a pyramid of only the textures in `index`, and the indices of its textures.
 
-    Where `base_only` `[textures]` is true, the levels above the base are removed too. So is an
-    alpha channel that is 1 everywhere.
+    - `index`: texture of each triangle, -1 for none. The returned indices are laid out alike.
+    - `base_only`: `[textures]`, whether the levels above the base are removed too.
+
+    An alpha channel that is 1 everywhere is removed as well.
     """
     used_indices = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
     chains, flat, offset = [], [], 0
     for texture in used_indices:
-        # A short chain repeats its last row.
+        # A texture with fewer levels than others repeats its last level in the table.
         rows = list(dict.fromkeys(map(tuple, table[texture].tolist())))
         chains.append([])
         for start, height, width in rows[:1] if base_only[texture] else rows:
@@ -45,9 +47,10 @@ def used_textures(
 
 
 def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:
-    """Whether every triangle reads only the base level, for each texture `[textures]`.
+    """Whether no triangle reads more than the base level of each texture, `[textures]`.
 
-    Decided by the footprint of the snapped triangle; in perspective, by an upper bound on it.
+    The footprint of each snapped triangle decides; in perspective, an upper bound on it. Without a
+    `filter` the answer is false for all textures.
     """
     assert scene.textures is not None and scene.uv is not None
     count, index = scene.textures.count, np.asarray(scene.texture_index)
@@ -64,7 +67,10 @@ def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarra
 
 
 def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
-    """The greatest level of detail of each triangle, without bias, in float64."""
+    """Greatest level of detail of each triangle, `[triangles]`, without bias, in float64.
+
+    In perspective it is an upper bound.
+    """
     assert scene.textures is not None
     triangles = np.asarray(scene.triangles)
     unit = 2.0**grid.bits
@@ -83,7 +89,8 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
     bounds = []
     for corner in range(3):
         jacobian = np.einsum("cat,tc,tcu->tua", weight_gradients, q, uv - uv[:, corner, None])
-        # An ellipse is no longer than its two axes' norm; a step is one of them.
+        # The footprint of an isotropic filter is the longer of the steps along x and y. The major
+        # axis of the ellipse, for an anisotropic one, is at most the norm of both steps together.
         steps = np.linalg.norm(jacobian, axis=1)
         extent = steps.max(1) if filter.anisotropy == 1 else np.linalg.norm(steps, axis=1)
         bounds.append(extent / q.min(1))
@@ -92,13 +99,13 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 
 
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
-    """Level of detail for Jacobians `[triangles, (u, v), (x, y)]` in base texels."""
+    """Level of detail for Jacobians `[triangles, (u, v), (x, y)]`, in base texels per pixel."""
     if filter.anisotropy == 1:
         extent = np.linalg.norm(jacobian, axis=1).max(1)
     else:
         longer, shorter = np.linalg.svd(jacobian, compute_uv=False).T
         ratio = longer / np.maximum(shorter, longer / (2 * filter.anisotropy) + math.ulp(0.0))
-        # A ratio just over a whole number may be read with a probe less.
+        # A ratio just above a whole number may be read with one probe less.
         extent = longer / np.clip(np.ceil(ratio - 1e-2), 1, filter.anisotropy)
     with np.errstate(divide="ignore"):
         return np.log2(extent)

@@ -1,9 +1,11 @@
 """Pads scenes to size classes, so that scenes of similar size share compiled programs.
 
 The number of triangles is part of the shape of every array, and JAX compiles a program for each
-shape. Triangles that cover nothing are appended up to the next size class: a triangle that names
-one vertex three times is such padding, in every mode (`fixed_point.corners_of`). Everything here is
-NumPy: an operation of JAX on host data would compile a small program for each shape too.
+shape. A *size class* in this file is one of the few numbers of triangles, or of vertices, that
+padded scenes have. Triangles that cover nothing are appended up to the next size class: a triangle
+that names one vertex three times is such padding, in every mode (`fixed_point.corners_of`).
+Everything here is NumPy: an operation of JAX on host data would compile a small program for each
+shape too.
 """
 
 from typing import Any
@@ -17,23 +19,23 @@ from ..scene import Scene
 from .plan import Plan
 
 _SMALL_CLASSES = (64, 1024)
-"""Size classes of triangles. Beyond the last they are powers of two: from 1,000 triangles on, the
-padding of classes that grow by more would cost time."""
+"""Numbers of triangles to which small scenes are padded. Larger scenes are padded to powers of two:
+from 1,000 triangles on, the padding of size classes farther apart would cost time."""
 
 _LEAST_POWER = 8
-"""Least size class of scenes whose every triangle is listed for every tile: there a triangle more
-costs time in each tile, so that all classes are powers of two."""
+"""Least number of triangles to which a scene is padded if every tile lists every triangle. There
+one more triangle costs time in each tile, so that all size classes are powers of two."""
 
 
 def pad(scene: Scene) -> Scene:
     """Append triangles that cover nothing, so that scenes of similar size have arrays of one shape.
 
-    The image is the same to the last bit, and so are the gradients of the given entries; those of
-    the appended ones are zero. Appended triangles come last in draw order and name vertex 0 three
-    times, which covers nothing whatever becomes of that vertex. Vertices are padded too; textures
-    are kept. Triangles number 64, 1024 or a higher power of two.
+    The image is the same to the last bit, and so are the gradients of the given entries; the
+    gradients of appended entries are zero. Appended triangles come last in draw order and name
+    vertex 0 three times, which covers nothing wherever that vertex lies. Vertices are padded too;
+    textures are kept. The number of triangles becomes 64, 1024 or a higher power of two.
 
-    `render` pads concrete scenes by itself, and the plan of a padded scene is that of the scene.
+    `render` pads concrete scenes by itself. A scene and the padded scene have the same plan.
     Within a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene.
     Accepts a batch, and arrays on the host or on the device; the result is on the device. A scene
     without triangles is returned unchanged; padding twice changes nothing. Raises `ValueError`
@@ -45,9 +47,10 @@ def pad(scene: Scene) -> Scene:
 
 
 def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
-    """Append triangles that cover nothing until there are `size`.
+    """Append triangles that cover nothing until the scene has `size` triangles.
 
-    Vertices are appended until there are `vertex_size`; unless given, in proportion.
+    Vertices are appended until there are `vertex_size`; None chooses a size class in proportion to
+    the triangles. A scene without triangles or without vertices is returned unchanged.
     """
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]
@@ -79,7 +82,10 @@ def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
 
 
 def pad_concrete(scene: Scene, plan: Plan) -> Scene:
-    """Pad a concrete scene for a plan; return a traced or batched one unchanged."""
+    """Pad a concrete scene to the size class that `plan` was made for.
+
+    A traced or batched scene is returned unchanged.
+    """
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
     triangles = scene.triangles.shape[0]
@@ -87,28 +93,33 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
 
 
 def fine_class(count: int) -> int:
-    """Round up to one of eight size classes per octave, for arrays whose padding costs much.
+    """Round a number of triangles up to one of eight sizes between a power of two and the next.
 
-    The unknowns of a fit have these sizes.
+    Sizes are multiples of 4. They are for arrays whose padding costs much: the unknowns of a fit.
     """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step
 
 
 def triangle_class(count: int) -> int:
-    """Size class of the triangles."""
+    """Round a number of triangles up to the size class to which `pad` brings a scene."""
     return next((size for size in _SMALL_CLASSES if count <= size), _next_power(count))
 
 
 def next_power(count: int) -> int:
-    """Size class of triangles that are listed for every tile."""
+    """Round a number of triangles up to a power of two, at least `_LEAST_POWER`.
+
+    This is the size class of scenes for which every tile lists every triangle.
+    """
     return max(_next_power(count), _LEAST_POWER)
 
 
 def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
-    """Size class of the vertices, in proportion to that of the triangles where possible.
+    """Choose the size class of the vertices, in proportion to the triangles where possible.
 
-    Meshes that share most vertices have one ratio, and triangles that share none another. So two
+    `vertices` and `triangles` are the numbers before padding, `triangle_class` is the number of
+    triangles after it. The result is 1 or 3 vertices for each triangle, as meshes that share most
+    vertices need the one and triangles that share none the other, or else a power of two. So two
     similar scenes whose triangles have one size class have one size class of vertices too.
     """
     for share in (1, 3):

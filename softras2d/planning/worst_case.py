@@ -1,4 +1,4 @@
-"""Capacities that no positions of a scene's triangles can exceed.
+"""Capacities that are large enough for all positions of a scene's triangles.
 
 In the worst case every triangle touches every tile. Then there is nothing to find out: every tile
 lists all triangles, and the lists are constants (`binning.tiles.list_every_triangle`).
@@ -13,9 +13,10 @@ from .capacities import LAYERS, Capacity
 
 
 def worst_case(triangles: int, tiling: Tiling, *, layers: int | None = None) -> Capacity:
-    """Capacities for scenes of this many triangles, wherever they are.
+    """Capacities for scenes of this many triangles, wherever the triangles are.
 
-    `layers`: slots of a chunk; unless given, as few chunks as possible.
+    `layers` is the number of slots of a chunk. None chooses the smallest of `LAYERS` that holds the
+    list of a tile in one chunk, or else the largest.
     """
     grid = tiling.grid
     if layers is None:
@@ -30,16 +31,16 @@ def worst_case(triangles: int, tiling: Tiling, *, layers: int | None = None) -> 
         pairs=triangles * tiling.count,
         layers=layers,
         chunks=tiling.count * chunks,
-        # The search for the chunk that covers a sample halves a power of two.
+        # The search for the chunk that covers a sample halves a range of 2^n chunks.
         max_chunks=1 << (chunks - 1).bit_length(),
         steps=-(-tiling.count // BLOCK) * triangles,
-        # A fragment has a visible sample, and no two of a pixel have the same.
+        # Each fragment has a visible sample, and no two fragments of a pixel share one.
         fragments=min(triangles, grid.samples) * pixels,
         crossings=3 * triangles * runs,
     )
 
 
 def limited(capacity: Capacity, triangles: int, tiling: Tiling) -> Capacity:
-    """The capacities, but none above what this many triangles can need."""
+    """Reduce each capacity to what this many triangles can need at most."""
     most = worst_case(triangles, tiling, layers=capacity.layers)
     return Capacity(*map(min, capacity, most))

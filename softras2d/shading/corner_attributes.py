@@ -23,8 +23,12 @@ CornerWeights = tuple[Array, Array, Array]
 class CornerAttributes(NamedTuple):
     """Vertex attributes at the corners of triangles, reoriented to positive orientation.
 
-    They are `[corners, channels, triangles]`, and `[3, triangles]` for `inverse_w`. None means that
-    the scene does not have the attribute.
+    The last axes are the triangles of the scene, or one triangle for each lane (`surface`). None
+    means that the scene does not have the attribute.
+
+    - `color`: straight RGB or RGBA; one corner for triangles of one colour, else three.
+    - `inverse_w`: 1/w of the projection, positive.
+    - `uv`: texture coordinates.
     """
 
     color: Float[Array, "corners channels *lanes"]
@@ -37,7 +41,11 @@ def at_corners(
     triangles: Int[Array, "triangles 3"],
     orientation: Int[Array, " triangles"],
 ) -> Float[Array, "3 triangles"]:
-    """Gather vertex values at the corners of triangles in positive orientation."""
+    """Gather vertex values at the corners of triangles, reoriented to positive orientation.
+
+    `orientation` is the sign of each triangle's area. Where it is -1, corners 1 and 2 are
+    exchanged.
+    """
     return reorient(values[triangles].T, orientation)
 
 
@@ -48,7 +56,7 @@ def corner_attributes(
     triangles: Int[Array, "triangles 3"],
     orientation: Int[Array, " triangles"],
 ) -> CornerAttributes:
-    """Gather all attributes at the corners of triangles in positive orientation."""
+    """Gather all attributes at the corners of triangles, reoriented as in `at_corners`."""
     colors = (
         _reorient_channels(colors, orientation)
         if colors.shape[1] == 3
@@ -70,9 +78,9 @@ def _reorient_channels(
 def perspective_weights(
     weights: CornerWeights, inverse_w: Float[Array, "3 *lanes"] | None
 ) -> CornerWeights:
-    """Convert weights on the screen to weights on the triangle in space.
+    """Convert barycentric weights on the screen to weights on the triangle in space.
 
-    Without `inverse_w` the weights are returned as they are.
+    Without `inverse_w` the weights are returned unchanged.
     """
     first, second, third = weights
     if inverse_w is None:
@@ -90,7 +98,10 @@ def perspective_weights(
 def interpolate(
     weights: CornerWeights, corners: Float[Array, "corners channels *lanes"]
 ) -> Float[Array, "channels *points"]:
-    """Interpolate values of three corners with the weights; return that of a single corner."""
+    """Interpolate the values of three corners by their weights.
+
+    If there is one corner only, its value is returned, and the weights do not matter.
+    """
     if corners.shape[0] == 1:
         return corners[0]
     return interpolate_corners(corners, weights[1][None], weights[2][None])

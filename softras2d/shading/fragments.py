@@ -22,11 +22,12 @@ from .surface import Points, gather_lanes
 class Fragments(NamedTuple):
     """A list of fragments, tile by tile.
 
-    - `slot`: index of the slot in the chunks, which gives the triangle and the tile.
-    - `column`, `row`: the pixel within the tile.
-    - `bits`: for each sub-row of the pixel, the samples that show the triangle; sample i is bit i.
-      Entries beyond `needed` are zero.
-    - `needed`: the number of fragments of the scene, which may exceed the capacity.
+    - `slot`: index of the fragment's slot in the flattened chunks, which gives its triangle and its
+      tile.
+    - `column`, `row`: column and row of the pixel within the tile, in pixels.
+    - `bits`: for each row of samples of the pixel (sub-row), a word in which bit i is set if sample
+      i of this row shows the triangle. All words of entries beyond `needed` are 0.
+    - `needed`: number of fragments of the scene. If it exceeds the capacity, fragments are missing.
     """
 
     slot: Int[Array, " fragments"]
@@ -37,10 +38,10 @@ class Fragments(NamedTuple):
 
 
 def visible_pixels(visible: Any, tiling: Tiling) -> Any:
-    """Mark the pixels of each pixel row that have a visible sample.
+    """Mark the pixels that have a visible sample, in one word for each row of pixels of a tile.
 
-    The bit of such a pixel's first sample is set. Maps `[*slots, rows]` words to `[*slots,
-    tile_height]` words. Works for NumPy and JAX alike.
+    Maps coverage words `[*slots, rows]` to words `[*slots, tile_height]`, in which the bit of the
+    pixel's first sample marks the pixel. Works for NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
     xp = visible.__array_namespace__()
@@ -56,9 +57,12 @@ def visible_pixels(visible: Any, tiling: Tiling) -> Any:
 def list_fragments(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
-    """List the visible fragments; if there are more than `capacity`, some are missing."""
+    """List the fragments, from the coverage words of the samples that each slot shows.
+
+    If there are more than `capacity` fragments, some are missing.
+    """
     pixel_words, counts = _count_pixels(visible, tiling)
-    # Each visible pixel is an entry: its pixel row, and its rank there.
+    # Each visible pixel is an entry, whose owner is its row of pixels in a slot.
     expansion = materialized(functools.partial(expand_on_device, capacity=capacity))(counts)
     slot, column, row = _locate(pixel_words, expansion.owner, expansion.rank, tiling)
     bits = gather_bits(visible, slot, jnp.where(expansion.is_used, column, -1), row, tiling)
@@ -69,7 +73,10 @@ def list_fragments(
 def _count_pixels(
     visible: UInt32[Array, "chunks layers rows"], tiling: Tiling
 ) -> tuple[UInt32[Array, " pixel_rows"], Int[Array, " pixel_rows"]]:
-    """Mark the visible pixels of each pixel row of each slot, and count them."""
+    """Mark the visible pixels in each row of pixels of each slot, and count them.
+
+    The words come from `visible_pixels`, flattened.
+    """
     pixel_words = visible_pixels(visible, tiling).reshape(-1)
     return pixel_words, jax.lax.population_count(pixel_words).astype(jnp.int32)
 
@@ -81,7 +88,12 @@ def _locate(
     rank: Int[Array, " fragments"],
     tiling: Tiling,
 ) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
-    """Find the slot of each visible pixel, and its column and row in the tile."""
+    """Find the slot of each fragment, and the column and row of its pixel in the tile.
+
+    - `pixel_words`: the words of `_count_pixels`.
+    - `pixel_row`: index into these words, for each fragment.
+    - `rank`: number of the fragment among the fragments of this word, from 0.
+    """
     height = tiling.height
     return (
         pixel_row // height,
@@ -93,7 +105,10 @@ def _locate(
 def _pixel_of_rank(
     word: UInt32[Array, " fragments"], rank: Int[Array, " fragments"], tiling: Tiling
 ) -> Int[Array, " fragments"]:
-    """Find the pixel of the `rank`-th set bit in a word of `visible_pixels`."""
+    """Column of the pixel that a set bit of a word of `visible_pixels` marks.
+
+    `rank` is the number of set bits below that bit.
+    """
     before = jnp.zeros_like(rank)
     pixel = jnp.zeros_like(rank)
     for x in range(tiling.width):
@@ -111,9 +126,10 @@ def gather_bits(
     row: Int[Array, " fragments"],
     tiling: Tiling,
 ) -> UInt32[Array, "sub_rows fragments"]:
-    """Gather the samples of each fragment's pixel from the coverage words of its slot.
+    """Cut the samples of each fragment's pixel out of the coverage words of its slot.
 
-    They are zero where `column` is -1.
+    `slot`, `column`, `row` and the result are as in `Fragments`. The result is 0 where `column` is
+    -1.
     """
     rate = tiling.grid.rate
     sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
@@ -127,7 +143,10 @@ def gather_bits(
 def sample_points(
     fragments: Fragments, sub_row: Int[Array, ""], sub_column: Int[Array, ""], tiling: Tiling
 ) -> Points:
-    """Make the points of one sample of each fragment's pixel."""
+    """Make the points that lie at one sample of each fragment's pixel.
+
+    `sub_row` and `sub_column` are the row and the column of the sample in the pixel, from 0.
+    """
     rate = tiling.grid.rate
     across, down = fragments.column * rate + sub_column, fragments.row * rate + sub_row
     return Points(None, across, down)
@@ -147,7 +166,9 @@ def shading_points(
     This is the centre of the pixel if the closed triangle contains it. Otherwise it is the centroid
     of those samples of the pixel that the triangle covers, whether they are visible or not.
 
-    `covered` has those samples, laid out as `Fragments.bits`. `weights` are per fragment.
+    - `covered`: all samples that the triangle covers, laid out like `Fragments.bits`.
+    - `weights`: terms of the barycentric weights, gathered for each fragment.
+    - `triangle`, `tile`: index of both, for each slot.
     """
     # `weights` already contains the other two edges.
     middle_edge = gather_lanes(_rebase(edges[1], triangle, tile, tiling), fragments.slot)
@@ -170,11 +191,16 @@ def shading_points_of_samples(
     row: Int[Array, " lanes"],
     tiling: Tiling,
 ) -> Points:
-    """The point at which multisampling shades the pixel of each lane's sample, in its tile.
+    """Choose the point at which multisampling shades a triangle in the pixel of a sample.
 
-    It is chosen as by `shading_points`, but by testing all samples of the pixel again: for callers
-    that know a sample and its triangle, and no fragments. `column` and `row` are on the canvas;
-    `weights` are per lane.
+    The point is the same as in `shading_points`, but all samples of the pixel are tested again,
+    for callers that have no fragments.
+
+    - `triangle`: index of the triangle, for each lane.
+    - `column`, `row`: column and row of the sample on the canvas, for each lane.
+    - `weights`: terms of the barycentric weights, gathered for each lane.
+
+    The points are relative to the tile in which the sample lies.
     """
     rate = tiling.grid.rate
     left, top = column - column % tiling.sample_columns, row - row % tiling.sample_rows
@@ -212,7 +238,10 @@ def _rebase(
 def _sum_samples(
     bits: UInt32[Array, "sub_rows fragments"], rate: int
 ) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
-    """Count the samples in each pixel, and sum their columns and rows within it."""
+    """Count the samples set in `bits`; return their number and the sums of columns and rows.
+
+    Columns and rows are counted within the pixel.
+    """
     count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
     for sub, word in enumerate(bits):
         in_row = jax.lax.population_count(word).astype(jnp.int32)
@@ -231,7 +260,11 @@ def _is_central(
     count: Int[Array, " fragments"],
     rate: int,
 ) -> Bool[Array, " fragments"]:
-    """Decide which fragments are shaded at the centre: if it is inside, or no sample is covered."""
+    """Whether each fragment is shaded at the pixel's centre.
+
+    It is if the closed triangle contains the centre, or if `count`, the number of samples of the
+    pixel that the triangle covers, is 0. `middle_edge` is edge 1 of the fragment's triangle.
+    """
     edges = [weights.edges.gather(0), weights.edges.gather(1), middle_edge]
     return contains(edges, _centre(column, row, rate)) | (count == 0)
 
@@ -246,7 +279,10 @@ def _choose_point(
     down: Int[Array, " fragments"],
     rate: int,
 ) -> Points:
-    """Select the centre of each pixel, or the centroid of its `count` samples."""
+    """Select the centre of each pixel, or the centroid of the `count` samples that are covered.
+
+    `across` and `down` are the sums of these samples' columns and rows within the pixel.
+    """
     centre = _centre(column, row, rate)
     return Points(
         jnp.where(is_central, 2, count),
@@ -256,16 +292,19 @@ def _choose_point(
 
 
 def _centre(column: Int[Array, " fragments"], row: Int[Array, " fragments"], rate: int) -> Points:
-    """Centre of a pixel of the tile, as a sum over two samples so that it is an integer.
+    """Make the centre of a pixel of the tile, as the mean of two samples.
 
-    At even rates it is half way between samples.
+    At even rates the centre lies half way between samples; its sum over two samples is an integer.
     """
     twice = 2 * rate
     return Points(jnp.full_like(column, 2), column * twice + (rate - 1), row * twice + (rate - 1))
 
 
 def contains(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
-    """Decide whether the closed triangle contains each point; exact between samples too."""
+    """Whether the triangle within `edges`, boundary included, contains each point.
+
+    The decision is exact also for points between samples.
+    """
     count, across, down = points
     assert count is not None
     inside = jnp.ones(count.shape, bool)

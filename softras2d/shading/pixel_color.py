@@ -1,9 +1,9 @@
 """Shade one colour per (slot, pixel) pair, for soft and exact-area coverage.
 
-The corner weights tell at which point a triangle is shaded. With exact area this is the centroid of
-the part of the triangle in the pixel, so that affine colours are averaged exactly. With soft
-coverage it is the pixel's centre, or the triangle's point nearest to it. The weights have
-derivatives by the positions, and all other gradients follow from these.
+The barycentric weights of the corners tell at which point a triangle is shaded. With exact area
+this is the centroid of the part of the triangle in the pixel, so that affine colours are averaged
+exactly. With soft coverage it is the pixel's centre, or the triangle's point nearest to it. The
+weights have derivatives by the positions, from which all gradients of colours by positions follow.
 """
 
 import functools
@@ -30,17 +30,17 @@ _LEAST_ALPHA = 2.0**-24
 
 
 _FLAT = 2.0**23
-"""Inverse height, per pixel, of a triangle without area: its texture is blurred along the height
-like that of the thinnest triangle that has one."""
+"""Inverse height, in 1/pixels, that a triangle without area is given to choose its mip level: its
+texture is blurred across it as in the thinnest triangle that has an area."""
 
 
 class TriangleAttributes(NamedTuple):
-    """Attributes of the triangles, with corners reoriented to positive orientation.
+    """Attributes of all triangles, with corners reoriented to positive orientation.
 
     - `corners`: colours, texture coordinates and `inverse_w`.
-    - `texture`: index of each triangle's texture, -1 for none.
-    - `textures`: all textures; None without any.
-    - `depth`: None if depth is not used.
+    - `texture`: index of each triangle's texture, -1 for none; None for a scene without textures.
+    - `textures`: all textures; None for a scene without any.
+    - `depth`: depth of each corner; None if depth is not used.
     """
 
     corners: CornerAttributes
@@ -50,7 +50,7 @@ class TriangleAttributes(NamedTuple):
 
     @property
     def is_interpolated_only(self) -> bool:
-        """Whether opaque colours are interpolated on the screen, and there is no other effect."""
+        """Whether colours are opaque and interpolated on the screen, without any other effect."""
         is_interpolated_opaque = self.corners.color.shape[:2] == (3, 3)
         attributes = (self.corners.inverse_w, self.textures, self.depth)
         return is_interpolated_opaque and all(attribute is None for attribute in attributes)
@@ -65,9 +65,10 @@ class TriangleAttributes(NamedTuple):
 class CornerColors(NamedTuple):
     """Opaque colours of slots that are yet to be interpolated at the pixels of their tiles.
 
-    - `weights`: evaluates the weights of corners 1 and 2, from its `geometry`.
-    - `positions`: x and y of each corner of each slot's triangle in turn.
-    - `corners`: the channels of corner 0, then of corner 1 and of corner 2.
+    - `weights`: the function for the weights of corners 1 and 2.
+    - `positions`: x and y of each corner of each slot's triangle in turn, in pixels.
+    - `geometry`: the geometry of each slot that `weights` takes.
+    - `corners`: red, green and blue of corner 0, then of corner 1 and of corner 2.
     """
 
     weights: PixelFunction
@@ -79,8 +80,10 @@ class CornerColors(NamedTuple):
 class ShadedSlots(NamedTuple):
     """Opacity, colour and depth of each slot at the pixels of its tile.
 
-    - `opacity`: coverage times alpha.
-    - `color`: straight; a single pixel where a slot has one colour everywhere.
+    - `opacity`: coverage times alpha, 0..1.
+    - `color`: straight RGB; the axis of pixels has length 1 if each slot has one colour. Or colours
+      that compositing interpolates.
+    - `depth`: depth of the triangle; None if depth is not used.
     """
 
     opacity: Float[Array, "chunks layers pixels"]
@@ -101,9 +104,14 @@ def shade_slots(
 ) -> ShadedSlots:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
-    `weights` evaluates the weights of corners 1 and 2, from its `geometry`. `lines` are the edges
-    of each slot's triangle. With `may_defer`, colours that are only interpolated are left to
-    compositing, as `CornerColors`.
+    - `coverage`: covered fraction of each pixel.
+    - `weights`: the function for the weights of corners 1 and 2.
+    - `corners`: x and y of each corner of each slot's triangle in turn, in pixels.
+    - `geometry`: the geometry of each slot that `weights` takes.
+    - `lines`: the edges of each slot's triangle.
+    - `chunks`: the slots, flattened in the other arguments.
+    - `may_defer`: whether colours that are only interpolated are left to compositing, as
+      `CornerColors`.
     """
     slot_corners, texture, depth = _gather_triangles(
         (attributes.corners, attributes.texture, attributes.depth), chunks.triangle.reshape(-1)
@@ -142,7 +150,7 @@ def shade_slots(
 
 @materialized
 def _gather_triangles(tree: Tree, triangle: Int[Array, " slots"]) -> Tree:
-    """Gather the entries of each slot's triangle, with an axis for the pixels."""
+    """Gather the entries of each slot's triangle; a last axis of length 1 is for the pixels."""
     return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
 
 
@@ -158,7 +166,7 @@ def _interpolate_depth(
 def _channels_second(
     color: Float[Array, "channels slots #pixels"],
 ) -> Float[Array, "slots 3 #pixels"]:
-    """Reorder the axes of colours, without alpha."""
+    """Drop alpha, and move the axis of channels behind the axis of slots."""
     return color[:3].transpose(1, 0, 2)
 
 
@@ -169,7 +177,11 @@ def _shade_texture(
     on_screen: CornerWeights,
     lines: TriangleLines,
 ) -> Float[Array, "channels slots pixels"]:
-    """Compute premultiplied colours of textured triangles."""
+    """Compute the premultiplied colours of textured triangles, summed over all probes.
+
+    `on_screen` are the barycentric weights at each pixel; `corners` and `texture` are gathered for
+    each slot.
+    """
     in_space = materialized(perspective_weights)(on_screen, corners.inverse_w)
 
     choose = functools.partial(_choose_at_pixels, textures, in_space, corners, texture, lines)
@@ -194,8 +206,8 @@ def _choose_at_pixels(
     lines: TriangleLines,
     uv: Float[Array, "2 slots pixels"],
 ) -> LevelsAndProbes:
-    """Choose the mip levels and probes of each slot at each pixel."""
-    # The weight is the distance from the opposite edge over the corner's distance from it.
+    """Choose the mip levels and probes of each slot at each pixel, where (u, v) is `uv`."""
+    # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     edges = (lines.edges[2], lines.edges[0])
     across, down = (
         tuple(
@@ -214,8 +226,8 @@ def _opacity_and_color(
 ) -> tuple[Float[Array, "slots pixels"], Float[Array, "slots 3 pixels"]]:
     """Split coverage and premultiplied colours into opacity and straight colours.
 
-    Opacity is coverage times alpha, and a straight colour is the premultiplied one over alpha. In
-    both, alpha is raised to at least `_LEAST_ALPHA`, 2^-24, but keeps its derivative.
+    Opacity is coverage times alpha, and a straight colour is the premultiplied colour divided by
+    alpha. In both, alpha is raised to at least `_LEAST_ALPHA`, 2^-24, but keeps its derivative.
     """
     if color.shape[0] == 3:
         return coverage, color.transpose(1, 0, 2)

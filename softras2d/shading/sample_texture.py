@@ -24,13 +24,13 @@ def sample_texture(
     - `textures`: from `TexturePyramid.build`.
     - `uv`: `[..., 2]`, u right and v down, 0..1 across the image.
     - `footprint`: the change of (u, v) for a step of one pixel along x and along y, `[..., 2, 2]`;
-      entry [..., i, j] is that of coordinate i along axis j (`Visibility.footprint`). It decides
-      the mip level and the probes. None reads the full resolution.
-    - `filter`: `Filter()` unless given.
-    - `texture_index`: which texture, one number or `[...]`; -1 reads 1 in every channel.
+      entry [..., i, j] is the change of coordinate i along axis j (`Visibility.footprint`). It
+      decides the mip level and the probes. None reads the base level.
+    - `filter`: how textures are filtered; None is `Filter()`.
+    - `texture_index`: index of the texture, one number or `[...]`; -1 reads 1 in every channel.
 
     Returns RGB or premultiplied RGBA. Differentiable by `uv`, `footprint` and texels; the
-    derivative by the footprint is that of the blend between two levels and of the probes.
+    derivative by the footprint comes from the blend between two levels and from the probes.
 
     Raises `ValueError` for other shapes.
     """
@@ -59,7 +59,7 @@ def sample_texture(
 def _sum_probes(
     textures: Textures, uv: Float[Array, "2 points"], chosen: LevelsAndProbes
 ) -> Float[Array, "channels points"]:
-    """The mean over the probes of each point."""
+    """Mean of the texels that the probes of each point read."""
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
         at, share = probe_point(uv, chosen, probe)

@@ -1,7 +1,7 @@
-"""Data of the triangles that shading needs, for all of them or gathered per lane.
+"""Data of the triangles that shading needs, for all triangles or gathered for some.
 
-A *surface* holds what all triangles need. A *lane* is a triangle in a tile, or in a pixel of a
-tile: `Lanes` holds the entries of one triangle for each of them.
+A `Surface` holds the data of all triangles. A *lane* is one item to be shaded: a triangle in a
+tile, or in a pixel of a tile. `Lanes` holds the data of one triangle for each lane.
 """
 
 import functools
@@ -39,9 +39,13 @@ Tree = TypeVar("Tree")
 
 
 class Points(NamedTuple):
-    """Points in tiles, as sums of the columns and rows of `count` samples; None is one sample.
+    """Points in tiles, each of them the mean position of some samples.
 
-    Samples, centres of pixels and centroids are thus all exact integers.
+    - `count`: number of the samples; None for a single sample.
+    - `across`, `down`: sums of their columns and of their rows, counted from the tile's first
+      sample.
+
+    Samples, centres of pixels and centroids are thus all given by exact integers.
     """
 
     count: Int[Array, "*points"] | None
@@ -52,9 +56,12 @@ class Points(NamedTuple):
 class Surface(NamedTuple):
     """All data of the triangles that shading needs.
 
-    - `area`: twice the area of each triangle, in units of the edge value.
-    - `planes`: interpolation weights of triangles past the guard band.
-    - `texture`: index of each triangle's texture, -1 for none.
+    - `edges`: exact edge functions.
+    - `area`: twice the area of each triangle, from `barycentric.twice_area`, which says the unit.
+    - `planes`: barycentric weights of triangles past the guard band; None if there can be none.
+    - `corners`: colours, texture coordinates and `inverse_w` at the corners.
+    - `texture`: index of each triangle's texture, -1 for none; None for a scene without textures.
+    - `textures`: all textures; None for a scene without any.
     - `filter`: how textures are sampled.
     """
 
@@ -77,7 +84,7 @@ class Surface(NamedTuple):
         return 1 if self.textures is None else self.filter.anisotropy
 
     def with_colors(self, colors: Float[Array, "corners channels triangles"]) -> "Surface":
-        """The surface with other colours at the corners."""
+        """Return the surface with these colours at the corners instead of its own."""
         return self._replace(corners=self.corners._replace(color=colors))
 
     @property
@@ -88,15 +95,18 @@ class Surface(NamedTuple):
     def weight_terms(
         self, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
     ) -> AffineWeights:
-        """Terms of the interpolation weights of triangles in tiles."""
+        """Compute the terms of the barycentric weights for lanes of triangles in tiles."""
         weights = slot_weights(self.edges, self.area, triangle, tile, tiling, self.planes)
         return affine_weights(weights)
 
 
 class Lanes(NamedTuple):
-    """The attributes of a surface gathered per lane: every entry is `[..., lanes]`.
+    """The data of a surface gathered for lanes; the last axis of every entry is `lanes`.
 
-    `levels_and_probes` is None where it differs from point to point, or where there is no texture.
+    - `weights`: terms of the barycentric weights.
+    - `corners`, `texture`: as in `Surface`, for the triangle of each lane.
+    - `levels_and_probes`: mip levels and probes of the texture lookup, if they are the same at all
+      points of a lane. None in perspective, and for a scene without textures.
     """
 
     weights: Weights
@@ -119,13 +129,16 @@ def surface_of(
 
 
 def count_channels(corners: CornerAttributes, textures: Textures | None) -> int:
-    """Number of channels of the shaded colours."""
+    """Number of channels of shaded colours: four if colours or texels have alpha, else three."""
     return max(corners.color.shape[1], 3 if textures is None else textures.channels)
 
 
 @materialized
 def gather_lanes(tree: Tree, lane: Int[Array, " gathered"]) -> Tree:
-    """Gather entries `[..., lanes]` of some lanes; a lane may occur several times."""
+    """Gather the lanes of these indices from a tree of arrays `[..., lanes]`.
+
+    A lane may be gathered several times.
+    """
 
     def gather_entry(entry: Array) -> Array:
         # The gather is along a single flat axis: XLA stores the result of a gather along one of
@@ -141,7 +154,7 @@ def gather_lanes(tree: Tree, lane: Int[Array, " gathered"]) -> Tree:
 def surface_lanes(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Lanes:
-    """Gather the attributes of a surface for lanes of triangles and tiles."""
+    """Gather the data of a surface for lanes, each of which is a triangle in a tile."""
     weights = _lane_weights(surface, triangle, tile, tiling)
     corners, texture = gather_lanes((surface.corners, surface.texture), triangle)
     chosen = None
@@ -155,7 +168,7 @@ def surface_lanes(
 def _lane_weights(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Weights:
-    """Terms of the corners' weights in each lane."""
+    """Compute the terms of the barycentric weights in each lane."""
     return slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
 
 
@@ -164,7 +177,8 @@ def level_chooser(
 ) -> Callable[[Array], LevelsAndProbes | None]:
     """Make the function from (u, v) at points to the mip levels and probes of the lookup there.
 
-    `weights` are those of the corners at the points, in space.
+    `weights` are the barycentric weights at the points, on the triangle in space. The function
+    returns None for a surface without textures.
     """
 
     def choose(uv: Array) -> LevelsAndProbes | None:
@@ -186,13 +200,16 @@ def _choose_on_lanes(
     point: PerspectivePoint | None,
     tiling: Tiling,
 ) -> LevelsAndProbes:
-    """Choose mip levels and probes of each lane, or of a point in each."""
+    """Choose mip levels and probes for each lane, and in perspective for one point of each lane."""
     steps = (pixel_step(weights, 0, tiling), pixel_step(weights, 1, tiling))
     return choose_levels_and_probes(textures, steps, corners, texture, point)
 
 
 def pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
-    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1)."""
+    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1).
+
+    They are the barycentric weights of corners 1 and 2 on the screen.
+    """
     sample_step = weights.edges.right if axis == 0 else weights.edges.down
     step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]
     if weights.plane is not None and weights.is_far is not None:

@@ -19,9 +19,9 @@ from .corner_attributes import CornerAttributes, CornerWeights
 class Textures(NamedTuple):
     """All textures of a scene, and how they are filtered.
 
-    - `texels`: RGBA of the pyramid, with an alpha of 1 if it has none. The index of a row is
-      computed once for its four numbers: two to three times as fast as a gather per channel, and a
-      little faster than rows of three.
+    - `texels`: RGBA of the pyramid, with an alpha of 1 if it has none. A row of four numbers is
+      gathered with one index: this is two to three times as fast as one gather for each channel,
+      and a little faster than rows of three.
     """
 
     pyramid: TexturePyramid
@@ -46,9 +46,9 @@ class Textures(NamedTuple):
         uv: Float[Array, "2 *points"],
         shown: Bool[Array, "*points"] | None = None,
     ) -> Float[Array, "*points 4"]:
-        """The mix of the texels around each point of the chosen levels, as RGBA.
+        """Read the chosen levels at each point, filtered within and between levels, as RGBA.
 
-        It is 0 where not `shown`; None is everywhere.
+        The result is 0 where not `shown`; with None, all points are shown.
         """
         pyramid = self.pyramid
         lookup = Lookup(self.filter.pixel, pyramid.border, pyramid.addressing)
@@ -63,10 +63,11 @@ def _with_alpha(texels: Float[Array, "texels channels"]) -> Float[Array, "texels
 
 
 class LevelsAndProbes(NamedTuple):
-    """Mip levels from which a texture is sampled, and `count` probes along an axis.
+    """Mip levels from which a texture is read, and the probes at which it is read.
 
-    The axis is a vector (u, v), where 1 is the extent of the image. `count` and `axis` are None for
-    a single probe.
+    - `count`: number of probes, a whole number; None for a single probe.
+    - `axis`: vector (u, v) over which the probes are evenly spread, where 1 is the extent of the
+      image; None for a single probe.
     """
 
     levels: Levels
@@ -75,7 +76,7 @@ class LevelsAndProbes(NamedTuple):
 
 
 PixelStep = tuple[Array, Array]
-"""Change of the weights of corners 1 and 2 on the screen from pixel to pixel."""
+"""Change of the weights of corners 1 and 2 on the screen for a step of one pixel."""
 
 PerspectivePoint = tuple[CornerWeights, Float[Array, "2 *points"]]
 """Weights of the corners in space, and (u, v), at each point."""
@@ -90,8 +91,10 @@ def choose_levels_and_probes(
 ) -> LevelsAndProbes:
     """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
 
-    `steps` are along x and y. `point` is None where the map to the texture is affine, so that its
-    derivative is the same at all points of a triangle.
+    - `steps`: change of the weights for a step along x, and for a step along y.
+    - `texture`: index of each lane's texture.
+    - `point`: None where the map to the texture is affine, so that its derivative is the same at
+      all points of a triangle.
     """
     assert texture is not None
     x, y = (uv_derivative(step, corners, point) for step in steps)
@@ -104,7 +107,11 @@ def levels_and_probes_of(
     x: Float[Array, "2 *points"],
     y: Float[Array, "2 *points"],
 ) -> LevelsAndProbes:
-    """Choose mip levels and probes from the change of (u, v) for one pixel along x and along y."""
+    """Choose mip levels and probes from the change of (u, v) from pixel to pixel.
+
+    `x` and `y` are the changes for a step of one pixel along x and along y. `texture` is the index
+    of each lane's texture; the choice has no meaning where it is -1.
+    """
     table = textures.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
     height, width = base[..., 1].astype(x.dtype), base[..., 2].astype(x.dtype)
@@ -121,10 +128,11 @@ def levels_and_probes_of(
 def uv_derivative(
     step: PixelStep, corners: CornerAttributes, point: PerspectivePoint | None
 ) -> Float[Array, "2 *points"]:
-    """Derivative of (u, v) for a step of one pixel.
+    """Compute the change of (u, v) for a step of one pixel, to first order.
 
-    The derivative of a quotient u = U / Q is (U' - u Q') / Q. The sums over the corners are taken
-    of w_i' q_i (u_i - u), in which no large numbers cancel.
+    In perspective it is evaluated at `point`. The derivative of a quotient u = U / Q is
+    (U' - u Q') / Q. It is summed over the corners as w_i' q_i (u_i - u), in which no large numbers
+    cancel.
     """
     assert corners.uv is not None
     second, third = step
@@ -143,7 +151,10 @@ def uv_derivative(
 def probe_point(
     uv: Float[Array, "2 *points"], chosen: LevelsAndProbes, probe: Int[Array, ""]
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"] | None]:
-    """Compute where a probe reads, and its share of the mean; None is a share of 1."""
+    """Compute (u, v) at which a probe reads, and the share of the probe in the mean.
+
+    `probe` is the number of the probe, from 0. A share of None means 1.
+    """
     if chosen.count is None or chosen.axis is None:
         return uv, None
     return _move_along_axis(uv, chosen.count, chosen.axis, probe)
@@ -156,7 +167,7 @@ def _move_along_axis(
     axis: Float[Array, "2 *chosen"],
     probe: Int[Array, ""],
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"]]:
-    """Move to a probe on the axis, and compute its share: 0 for a probe beyond `count`."""
+    """Move (u, v) to a probe on the axis, and compute its share: 0 for a probe beyond `count`."""
     number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
     is_used = number < count
     offset = jnp.where(is_used, (number + 0.5) / count - 0.5, 0.0)
@@ -169,9 +180,10 @@ def modulate(
     texture: Int[Array, "*lanes"],
     share: Float[Array, "*chosen"] | None,
 ) -> Float[Array, "channels *points"]:
-    """Multiply a premultiplied texel by a straight colour and the share of a probe.
+    """Multiply a premultiplied texel by a straight colour and by the share of a probe.
 
-    A triangle without texture (-1) has texels of 1: the result is its premultiplied colour.
+    The result is premultiplied. A triangle without texture (-1) has texels of 1, so that it gets
+    its own colour, premultiplied, times the share.
     """
     texel = jnp.where((texture < 0)[None], 1.0, texel)
     if color.shape[0] == 4 and texel.shape[0] == 3:

@@ -1,7 +1,7 @@
 """Colour of a triangle at a point: flat or interpolated, times a texture.
 
-The last axis of arrays is `[lanes]`: a lane is a triangle in a tile, or in a pixel of a tile.
-Colours are premultiplied, `[channels, lanes]`.
+The last axis of arrays is `lanes`. A lane is a triangle in a tile, or in a pixel of a tile
+(`surface`). Shaded colours are premultiplied, `[channels, lanes]`.
 """
 
 import functools
@@ -23,7 +23,10 @@ from .texture_lookup import LevelsAndProbes, Textures, modulate, probe_point
 def shade(
     surface: Surface, lanes: Lanes, points: Points, tiling: Tiling
 ) -> Float[Array, "channels lanes"]:
-    """Compute the premultiplied colour of each lane's triangle at a point, over all probes."""
+    """Compute the premultiplied colour of each lane's triangle at one point per lane.
+
+    The contributions of all probes of the texture are summed.
+    """
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
         return add_shade(total, surface, lanes, points, tiling, probe=probe), None
@@ -47,9 +50,10 @@ def add_shade(
 ) -> Float[Array, "channels lanes"]:
     """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
-    There are `surface.channels` channels. With several probes the colour is the contribution of one
-    of them; the caller adds those of `probe` in `0..surface.probes - 1`. The addition happens
-    here so that the texels read are not stored.
+    There are `surface.channels` channels and one point per lane. A `shown` of None adds everywhere.
+    With several probes only the contribution of the one with number `probe` is added; the caller
+    calls this for each of `0..surface.probes - 1`. The addition happens here so that the texels
+    read are not stored.
     """
     weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)
     choose = level_chooser(surface, lanes, weights, tiling)
@@ -60,7 +64,7 @@ def add_shade(
 def _weights_at(
     weights: Weights, inverse_w: Float[Array, "3 lanes"] | None, points: Points
 ) -> CornerWeights:
-    """Compute the weights of the corners at points, in space where there is `inverse_w`."""
+    """Compute the barycentric weights at points: in space with `inverse_w`, else on the screen."""
     on_screen = _screen_weights_at(weights, points)
     if inverse_w is None:
         return on_screen
@@ -69,7 +73,7 @@ def _weights_at(
 
 @materialized
 def _screen_weights_at(weights: Weights, points: Points) -> CornerWeights:
-    """Compute the weights of the corners at points on the screen."""
+    """Compute the barycentric weights on the screen at points."""
     count, across, down = points
     if count is None:
         return weight_sums(weights, jnp.ones_like(across), across, down)
@@ -91,8 +95,10 @@ def add_color(
 ) -> Float[Array, "channels *points"]:
     """Add the premultiplied colour to `total`, from the weights of the corners at each point.
 
-    `choose` maps (u, v) to the mip levels and probes of the lookup there. The other arguments are
-    those of `add_shade`.
+    - `weights`: barycentric weights at each point, on the triangle in space.
+    - `texture`, `textures`: index of each triangle's texture, and all textures; None without any.
+    - `choose`: maps (u, v) to the mip levels and probes of the lookup there.
+    - `shown`, `probe`: as in `add_shade`.
     """
     color = corners.color
     # A single corner is not copied.
@@ -115,7 +121,7 @@ def _add_untextured(
     shown: Bool[Array, "*points"] | None,
     color: Float[Array, "channels *shaded"],
 ) -> Float[Array, "channels *points"]:
-    """Add a straight colour, premultiplied, to `total` where `shown`."""
+    """Premultiply a straight colour, and add it to `total` where `shown`."""
     return _add_where(total, shown, premultiply(color, axis=0))
 
 
@@ -143,5 +149,5 @@ def _add_where(
     shown: Bool[Array, "*points"] | None,
     color: Float[Array, "channels *#points"],
 ) -> Float[Array, "channels *points"]:
-    """Add a colour where `shown`; None is everywhere."""
+    """Add a colour to `total` where `shown`; None adds it everywhere."""
     return total + (color if shown is None else jnp.where(shown[None], color, 0.0))

@@ -1,7 +1,7 @@
 """Read a texture at a point: a mix of the texels around it, in one mip level or two.
 
-**Gradients** with respect to u and v are those of the mix, see `texel_filters`. On a clamped border
-the gradient is that of the inside, and zero beyond it.
+**Gradients** with respect to u and v are the derivatives of the mix, see `texel_filters`. On a
+clamped border they are the limit from inside, and beyond it they are zero.
 """
 
 import functools
@@ -18,7 +18,11 @@ from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 
 
 class Lookup(NamedTuple):
-    """Static settings of a texture lookup: `Filter.pixel`, and border and addressing."""
+    """Static settings of a texture lookup.
+
+    - `pixel`: `Filter.pixel`.
+    - `border`, `addressing`: as in `TexturePyramid`.
+    """
 
     pixel: PixelFilter
     border: TextureBorder
@@ -26,21 +30,22 @@ class Lookup(NamedTuple):
 
     @property
     def filter(self) -> AbstractTexelFilter:
-        """How texels are mixed along an axis."""
+        """The filter that mixes texels along each axis."""
         return TEXEL_FILTERS[self.pixel]
 
     @property
     def is_periodic(self) -> bool:
-        """Whether the first and last texels are neighbours, half a texel from the border each."""
+        """Whether the first and the last texel of an axis are neighbours, across the border."""
         return self.border == "repeat" and self.addressing == "half_texel"
 
 
 class Taps(NamedTuple):
-    """Texels in a row around a point along u and v.
+    """The texels around each point that a filter mixes, along u and along v.
 
-    - `texels`: for each tap `[2, *points]`. The texel of tap i along u and j along v has the index
-      `texels[i][0] + texels[j][1]`.
-    - `fraction`: where the point lies, for `AbstractTexelFilter.weights`; None for a single tap.
+    - `texels`: one entry for each tap, with terms of an index for u and for v. The texel of tap i
+      along u and tap j along v has the index `texels[i][0] + texels[j][1]` in the pyramid.
+    - `fraction`: the argument of `AbstractTexelFilter.weights` along u and along v; None for a
+      single tap.
     """
 
     texels: tuple[Int[Array, "2 *points"], ...]
@@ -48,7 +53,11 @@ class Taps(NamedTuple):
 
 
 class LevelTaps(NamedTuple):
-    """Taps in one level, or in two levels, of which `coarse` has the weight `fraction`."""
+    """Taps in one level, or in two levels that are mixed.
+
+    - `fine`: the only level, or the finer one.
+    - `coarse`, `fraction`: the coarser level and its weight, 0..1; None for one level.
+    """
 
     fine: Taps
     coarse: Taps | None = None
@@ -56,7 +65,7 @@ class LevelTaps(NamedTuple):
 
 
 def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
-    """Compute the taps at `uv` in the chosen levels."""
+    """Compute the taps at the texture coordinates `uv` in the chosen levels."""
     taps = materialized(functools.partial(_taps, lookup=lookup))
     fine = taps(levels.fine, uv)
     if levels.coarse is None:
@@ -71,7 +80,10 @@ def read_levels(
     filter: AbstractTexelFilter,
     shown: Bool[Array, "*points"] | None = None,
 ) -> Float[Array, "*points 4"]:
-    """Gather the texels of the taps and mix them; 0 where not `shown`, and None is everywhere."""
+    """Gather the texels of the taps and mix them within and between levels.
+
+    The result is 0 where not `shown`; with None, all points are shown.
+    """
     mixed = _read(texels, taps.fine, filter)
     if taps.coarse is not None and taps.fraction is not None:
         coarse = _read(texels, taps.coarse, filter)
@@ -83,24 +95,24 @@ def read_levels(
 def _read(
     texels: Float[Array, "texels 4"], taps: Taps, filter: AbstractTexelFilter
 ) -> Float[Array, "*points 4"]:
-    """Gather the texels of the taps and mix them in one level."""
+    """Gather the texels of the taps of one level and mix them."""
 
     def gather(u: Array, v: Array) -> Array:
-        # Indices are in range for finite points, and XLA clamps those of a NaN. Indices without
-        # sign spare the branch for negative ones, which JAX counts from the end.
+        # Indices are in range for finite points, and XLA clamps the indices of a NaN. Unsigned
+        # indices spare the branch for negative ones, which JAX counts from the end.
         index = (u[0] + v[1]).astype(jnp.uint32)
         return texels.at[index].get(mode="promise_in_bounds")
 
     if taps.fraction is None:
         return gather(taps.texels[0], taps.texels[0])
-    # Here, and not where taps are computed: one fraction is less to store than all weights.
+    # Weights are computed here and not with the taps: a fraction is less to store than they are.
     across, down = (filter.weights(fraction[..., None]) for fraction in taps.fraction)
     rows = [_mix([gather(u, v) for u in taps.texels], across) for v in taps.texels]
     return _mix(rows, down)
 
 
 def _mix(values: list[Array], weights: tuple[Array, ...]) -> Array:
-    """Sum of values times weights."""
+    """Sum the values times their weights."""
     products = [value * weight for value, weight in zip(values, weights, strict=True)]
     return functools.reduce(jnp.add, products)
 
@@ -119,13 +131,13 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     filter = lookup.filter
     position = _texel_position(uv, size, lookup)
     if not lookup.is_periodic:
-        # With zero gradient beyond the border.
+        # Positions beyond the border are clamped to it, with zero gradient.
         last_position = last.astype(uv.dtype)
         inside = (position >= 0) & (position <= last_position)
         position = jnp.where(inside, position, jnp.where(position > 0, last_position, 0.0))
     start = jnp.floor(position + filter.shift)
     if not lookup.is_periodic:
-        # A mix on the last texel is that of the interval before it: its gradient is the inside's.
+        # A point on the last texel is mixed in the interval before it, which gives its gradient.
         highest = last.astype(uv.dtype) - (1.0 if filter.taps > 1 else 0.0)
         start = jnp.clip(start, 0.0, jnp.maximum(highest, 0.0))
     texel = start.astype(jnp.int32)
@@ -137,7 +149,10 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
 def _neighbor(
     texel: Int[Array, "2 *points"], offset: int, last: Int[Array, "2 *points"], lookup: Lookup
 ) -> Int[Array, "2 *points"]:
-    """The texel `offset` after another, by the rule for the border; `last` is the last texel."""
+    """Find the texel that lies `offset` texels after another, by the rule for the border.
+
+    `last` is the index of the last texel along the axis.
+    """
     neighbor = texel + offset
     # `texel` is -1..last if periodic, else 0..last - 1, or 0..last for a single tap. A small
     # texture wraps more than once.
@@ -157,7 +172,10 @@ def _neighbor(
 
 
 def _texel_position(uv: Array, size: Array, lookup: Lookup) -> Float[Array, "2 *points"]:
-    """Convert coordinates to positions among the texels of an axis, where texel i is at i."""
+    """Convert texture coordinates to positions along each axis, where texel i lies at i.
+
+    `size` is the number of texels along the axis.
+    """
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)
     if lookup.addressing == "corners":

@@ -21,17 +21,21 @@ from ..numerics.fusion_barrier import materialized
 from ..options import Filter
 
 _POINT = 2.0**-60
-"""Squared texels below which a footprint is a point, with level 0 and zero gradient."""
+"""Squared length, in base texels, up to which a footprint is a point: level 0, zero gradient."""
 
 _LARGE = 2.0**24
-"""Texels per pixel at which the entries of a footprint are clamped, with zero gradient beyond."""
+"""Base texels per pixel to which entries of a footprint are clamped, with zero gradient beyond."""
 
 _ROUNDING = 2.0**-10
-"""Tolerance by which the ratio of the axes may exceed a whole number without a further probe."""
+"""How far the ratio of the ellipse's axes may exceed a whole number without a further probe."""
 
 
 class Footprint(NamedTuple):
-    """Base texels along u and v for a step of one pixel along x and along y."""
+    """Footprint of a pixel: texels of the base level along u and v, for a step of one pixel.
+
+    - `u_x`, `v_x`: change along u and v for a step along x.
+    - `u_y`, `v_y`: change along u and v for a step along y.
+    """
 
     u_x: Float[Array, "*points"]
     v_x: Float[Array, "*points"]
@@ -40,11 +44,12 @@ class Footprint(NamedTuple):
 
 
 class Probes(NamedTuple):
-    """Level and probes with which a footprint is read.
+    """Level of detail and probes with which a footprint is read.
 
-    - `level`: the level of detail, including the bias; not clamped.
-    - `count`: the number of probes, evenly spread over the major axis; None is one probe.
-    - `axis_u`, `axis_v`: the major axis in base texels; None for one probe.
+    - `level`: the level of detail, 0 for the base level, including the bias; not clamped.
+    - `count`: number of probes, evenly spread over the major axis; None for a single probe.
+    - `axis_u`, `axis_v`: the major axis of the footprint's ellipse, in base texels; None for a
+      single probe.
     """
 
     level: Float[Array, "*points"]
@@ -54,8 +59,8 @@ class Probes(NamedTuple):
 
 
 def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
-    """Compute level and probes of a footprint, as `filter` says."""
-    # With this bound fourth powers stay finite; no texture is as large.
+    """Compute the level of detail and the probes of a footprint, as `filter` says."""
+    # With this bound fourth powers stay finite in float32; no texture is as large.
     u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
     across, down = u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y
     bias = jnp.asarray(filter.lod_bias).astype(u_x.dtype)
@@ -87,16 +92,19 @@ def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
 
 
 def _half_log2(square: Float[Array, "*points"]) -> Float[Array, "*points"]:
-    """Compute log2 of the square root.
+    """Compute log2 of the square root of `square`.
 
-    For a point it is a large negative constant, with zero gradient.
+    Up to `_POINT` it is a large negative constant, with zero gradient.
     """
     extended = square > _POINT
     return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -1e4)
 
 
 class Level(NamedTuple):
-    """Texels of a mip level, row after row from `offset`."""
+    """One mip level of a texture: `height` x `width` texels, row after row.
+
+    `offset` is the index of the first of them in `TexturePyramid.texels`.
+    """
 
     offset: Int[Array, "*points"]
     height: Int[Array, "*points"]
@@ -104,7 +112,11 @@ class Level(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The one level that is read, or two, of which `coarse` has the weight `fraction`."""
+    """The one level that is read, or the two levels that are mixed.
+
+    - `fine`: the only level, or the finer one.
+    - `coarse`, `fraction`: the coarser level and its weight, 0..1; None for one level.
+    """
 
     fine: Level
     coarse: Level | None = None
@@ -117,10 +129,13 @@ def choose_levels(
     table: Int[Array, "textures levels 3"],
     level_filter: LevelFilter,
 ) -> Levels:
-    """Choose the levels for a level of detail by `Filter.level`.
+    """Choose the mip levels to read for a level of detail.
+
+    - `texture`: index of the texture at each point.
+    - `table`: `TexturePyramid.levels`.
+    - `level_filter`: `Filter.level`; `"nearest"` rounds halves up.
 
     The level of detail is clamped to the existing levels, with zero gradient where it is clamped.
-    `"nearest"` rounds halves up.
     """
     last = table.shape[1] - 1
     level_at = functools.partial(_level_at, table, texture)
@@ -143,14 +158,14 @@ def _nearest_level(level_of_detail: Float[Array, "*points"], last: int) -> Int[A
 def _level_below(
     level_of_detail: Float[Array, "*points"], last: int
 ) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
-    """The finer of the two levels that are mixed, and the weight of the other one."""
+    """Find the finer of the two levels that are mixed, and the weight of the coarser one."""
     level_of_detail = _clamp(level_of_detail, last)
     lower = jnp.minimum(jnp.floor(level_of_detail), last - 1.0)
     return lower.astype(jnp.int32), level_of_detail - lower
 
 
 def _clamp(level_of_detail: Float[Array, "*points"], last: int) -> Float[Array, "*points"]:
-    """Clamp to the existing levels, with zero gradient where it is clamped."""
+    """Clamp the level of detail to 0..`last`, with zero gradient where it is clamped."""
     inside = (level_of_detail > 0) & (level_of_detail < last)
     nearest = jnp.where(level_of_detail > 0, float(last), 0.0)
     return jnp.where(inside, level_of_detail, nearest)
@@ -162,7 +177,7 @@ def _level_at(
     texture: Int[Array, "*points"],
     index: Int[Array, "*points"],
 ) -> Level:
-    """Read what the table says about a level of each point's texture."""
+    """Read the level of number `index` of each point's texture from the table of levels."""
     entry = texture * table.shape[1] + index
     # A column at a time: XLA computes the index again for each number of a row.
     columns = jnp.moveaxis(table, -1, 0).reshape(3, -1)

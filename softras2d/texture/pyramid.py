@@ -19,10 +19,10 @@ from ..numerics.device import to_device, to_host
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
 
-    - `texels`: RGB or premultiplied RGBA, level after level, row after row; about 4/3 of the size
-      of the base levels.
-    - `levels`: for each texture and level, the offset of its first texel, its height and its width;
-      a texture with fewer levels repeats its last.
+    - `texels`: RGB or premultiplied RGBA, level after level, row after row; about 4/3 as many as
+      the base levels have.
+    - `levels`: for each texture and level, the index of its first texel, its height and its width
+      in texels. A texture with fewer levels than others repeats its last level.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
     - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
       1).
@@ -43,7 +43,7 @@ class TexturePyramid(eqx.Module):
 
     @property
     def depth(self) -> int:
-        """Number of levels of the largest texture."""
+        """Number of mip levels of the texture that has most."""
         return self.levels.shape[-2]
 
     @property
@@ -65,8 +65,8 @@ class TexturePyramid(eqx.Module):
 
         `linear=True` means that the images are sRGB and the texels shall be linear: colour channels
         are decoded once, before the levels are averaged. If some images have alpha, images of three
-        channels get alpha 1. Half-precision images become float32. The result is differentiable in
-        the images.
+        channels get alpha 1. Integers and half-precision floats become float32. The result is
+        differentiable in the images. `border` and `addressing` are fields of the pyramid.
 
         Raises `ValueError` for an image without texels or of integers above 1, for no images, and
         for an unknown `border` or `addressing`. Warns of images that look like bytes (0..255).
@@ -99,7 +99,10 @@ class TexturePyramid(eqx.Module):
 
 
 def _image(image: Any, index: int) -> Any:
-    """Convert an image to floats; concrete ones stay in NumPy, where nothing is compiled."""
+    """Check an image and convert it to floats; `index` is its number in errors.
+
+    Concrete images stay in NumPy, where nothing is compiled.
+    """
     image = to_host(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
         raise ValueError(
@@ -121,7 +124,7 @@ def _decode(image: Any) -> Any:
 
 
 def _with_channels(image: Any, channels: int) -> Any:
-    """The image premultiplied, with an alpha of 1 appended where it lacks the fourth channel."""
+    """Premultiply an image; give it `channels` channels by appending an alpha of 1 if need be."""
     if image.shape[-1] == channels or image.shape[-1] == 4:
         return premultiply(image)
     xp = image.__array_namespace__()
@@ -129,7 +132,7 @@ def _with_channels(image: Any, channels: int) -> Any:
 
 
 def _chain(base: Any) -> list[Any]:
-    """Halve an image until one texel is left; the first level is the image itself."""
+    """List the mip levels of an image: the image itself, then its halvings down to one texel."""
     chain = [base]
     while max(chain[-1].shape[:2]) > 1:
         chain.append(_halve(_halve(chain[-1], 0), 1))
@@ -137,7 +140,7 @@ def _chain(base: Any) -> list[Any]:
 
 
 def _halve(image: Any, axis: int) -> Any:
-    """Box-filter an axis to half its size, rounded down; the mean is preserved on odd sizes too.
+    """Halve an axis with a box filter, rounding its size down; the mean is always preserved.
 
     An odd axis of 2m + 1 texels gives m texels, each the average over (2m + 1) / m texels: texel i
     takes 2i, 2i + 1, 2i + 2 with weights (m - i, m, i + 1) / (2m + 1).

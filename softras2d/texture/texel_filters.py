@@ -1,8 +1,8 @@
 """How the texels along one axis are mixed around a point: one class for each name of a filter.
 
-A two-dimensional filter is the product of the mix along u and that along v. To add one, write its
-class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. What a plan shall
-tell about it is a row of `planning.effects.EFFECTS`.
+A two-dimensional filter is the product of one mix along u and the same mix along v. To add one,
+write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. A row of
+`planning.effects.EFFECTS` makes plans report it.
 """
 
 import abc
@@ -18,8 +18,11 @@ from ..names import PixelFilter
 class AbstractTexelFilter(eqx.Module):
     """Weights of the texels around a position along one axis, on which texel i lies at i.
 
-    A filter mixes `taps` texels in a row, of which the first lies `first` texels after
-    `start = floor(position + shift)`.
+    For a position, let `start = floor(position + shift)`.
+
+    - `taps`: number of neighbouring texels that are mixed.
+    - `first`: index of the first of them, minus `start`.
+    - `shift`: the shift in `start`, in texels.
     """
 
     taps: eqx.AbstractClassVar[int]
@@ -28,10 +31,10 @@ class AbstractTexelFilter(eqx.Module):
 
     @abc.abstractmethod
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
-        """Weight of each tap; they add up to 1.
+        """Compute the weight of each tap, in order; the weights add up to 1.
 
         `fraction` is `position - start`, 0..1, and 1 only at the last texel of a clamped border.
-        The derivative of the weights is that of the filtered texture.
+        The gradient of the filtered texture by the position follows from their derivatives.
         """
 
 
@@ -43,14 +46,14 @@ class Nearest(AbstractTexelFilter):
     shift: ClassVar[float] = 0.5
 
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
-        """All the weight is on one tap, so that the gradient by the position is zero."""
+        """Give the one tap the weight 1, so that the gradient by the position is zero."""
         return (jnp.ones_like(fraction),)
 
 
 class Bilinear(AbstractTexelFilter):
     """Linear interpolation between the texels on both sides.
 
-    At a texel's centre, where the mix has a kink, the gradient is that of the right side.
+    At a texel's centre, where the mix has a kink, the gradient is the one to the right.
     """
 
     taps: ClassVar[int] = 2
@@ -58,7 +61,7 @@ class Bilinear(AbstractTexelFilter):
     shift: ClassVar[float] = 0.0
 
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
-        """Weights that are linear in the position."""
+        """Compute the weights of the left and the right texel, linear in the position."""
         return 1 - fraction, fraction
 
 
