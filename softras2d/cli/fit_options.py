@@ -280,7 +280,11 @@ class PictureOptions(NamedTuple):
 
     @property
     def values(self) -> dict[str, object]:
-        """The values that the user gave for some arguments of `fit`, for `errors_name_options`."""
+        """Values of `target`, `weights`, `start` and `resume`, for `errors_name_options`.
+
+        Without a target, the value of `target` is the name of the bundled picture. `weights` and
+        `resume` are None if they were not given; `start` is the text of `--start` or its default.
+        """
         return {
             "target": self.target or BUNDLED, "weights": self.weights, "start": self.start,
             "resume": self.resume,

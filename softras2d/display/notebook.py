@@ -76,7 +76,11 @@ def _html(draw: Callable[[], np.ndarray | None], text: str) -> str | None:
 
 
 def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
-    """Encode an image as a PNG file."""
+    """Encode an image as the bytes of a PNG file, with 8 bits per channel.
+
+    `image`: grey, RGB or RGBA in sRGB, with straight alpha; values are clipped to 0..1. Raises
+    `ValueError` for NaN and infinity, and for another number of channels.
+    """
     # The writer is in a stage below this one; `scene_picture.py` says why it is imported here.
     import softras2d as sr
 

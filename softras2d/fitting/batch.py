@@ -142,9 +142,13 @@ def _refuse_masks(groups: Iterable[str]) -> None:
 
 
 def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
-    """Check and convert the targets; raise `ValueError` unless they have one shape.
+    """Convert the targets to RGB or RGBA in 0..1; raise `ValueError` unless they have one shape.
 
-    `transparent`: whether opaque targets get an alpha of 1.
+    The shape includes the number of channels. Also raises `ValueError` for a target that is no
+    image.
+
+    `transparent`: keep alpha, and add an alpha of 1 to each target without alpha. Otherwise alpha
+    is dropped if it is 1 everywhere in all targets.
     """
     images = check_images(targets, transparent=transparent)
     shapes = {image.shape for image in images}

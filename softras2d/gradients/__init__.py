@@ -3,6 +3,10 @@
 The boundary term is due to edges, and to lines where triangles interpenetrate, that move over the
 samples. The interior term is due to colours that move with the vertices.
 
+`boundary_term` adds up all crossings. In an opaque scene it compares the triangles that are visible
+on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in front of the
+edge's triangle and those behind it.
+
 Terms in this folder: a *line* is a row or a column of samples, and a *crossing* is a point where an
 edge crosses a line. A *run* is up to eight successive crossings of one edge. The *inside* of a
 crossing is the side on which the edge's triangle lies. A *layer* of a sample is a triangle that

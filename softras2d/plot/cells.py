@@ -19,9 +19,11 @@ _TICKS = 56
 
 
 def columns_for(count: int, width: int) -> int:
-    """Number of columns, at most six, in which to show `count` images of `width` pixels.
+    """Number of columns in which to show `count` images, of which the widest has `width` pixels.
 
-    Rows are filled evenly.
+    At most six columns, and no more than fit into `_MAX_ROW_WIDTH` at one dot per pixel, though
+    never fewer than two unless there is a single image. Of the numbers that need equally many rows,
+    the least is returned, so that rows are filled evenly.
     """
     max_columns = min(count, 6, max(2, _MAX_ROW_WIDTH // (width + _GAP)))
     rows = -(-count // max_columns)

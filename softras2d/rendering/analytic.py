@@ -124,10 +124,6 @@ class AnalyticMode(CoverageMode):
         - `tile_side`: pixels along a side of a tile.
         """
 
-    def is_sum(self, coverage: Any) -> bool:
-        """Whether signed areas are added, not composited, so that no triangle hides another."""
-        return False
-
     def composite(
         self,
         coverage: Any,

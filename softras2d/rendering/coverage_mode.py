@@ -1,9 +1,10 @@
 """The interface of a coverage mode: how one kind of coverage is planned and drawn.
 
 `modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
-in `options.py` and its class in a file of this folder, and put both into `MODES`. A mode whose
-coverage is a smooth function of the corners derives from `analytic.AnalyticMode`. The class names
-in `effects` the rows of `effects.EFFECTS` that a plan may report for it.
+in `options.py`, where it also joins the union `Coverage`, write its class in a file of this folder,
+and put both into `MODES`. A mode whose coverage is a smooth function of the corners derives from
+`analytic.AnalyticMode`. The class names in `effects` the rows of `effects.EFFECTS` that a plan may
+report for it.
 """
 
 import abc
@@ -99,6 +100,14 @@ class CoverageMode(abc.ABC):
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")
         return coverage
+
+    def is_sum(self, coverage: Any) -> bool:
+        """Whether signed areas are added, not composited, so that no triangle hides another."""
+        return False
+
+    def gradient_border(self, coverage: Any) -> int:
+        """Pixels around a window of a larger canvas on which the window's gradient depends."""
+        return 0
 
     def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
         """Raise `ValueError` if a drawing has an effect that the mode cannot draw."""

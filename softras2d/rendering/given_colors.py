@@ -61,7 +61,7 @@ class ShadedColors(SampleColors):
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of each edge's own triangle where it crosses a line of samples."""
+        """Value of the function at each crossing, for the triangle to which the edge belongs."""
         weights = color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=False)
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self._shade(triangle, weights)

@@ -6,7 +6,7 @@ The triangles of each tile are listed. A *slot* is one triangle in the list of o
 
 import functools
 from collections.abc import Sequence
-from typing import ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -46,6 +46,10 @@ class SampledMode(CoverageMode):
 
     effects = SCENE_EFFECTS | {"depth test", "pixel shading", GUARD_BAND}
     missing: ClassVar[dict[str, str]] = {}
+
+    def gradient_border(self, coverage: Any) -> int:
+        """One pixel: an edge between two windows passes between a sample of each."""
+        return int(coverage.edge_gradients)
 
     def list_needs(
         self,

@@ -12,7 +12,7 @@ from jaxtyping import Int
 
 from ..geometry.canvas_grid import Grid
 from ..numerics.device import is_traced, to_device
-from ..options import Area, Coverage, Filter, Hard
+from ..options import Coverage, Filter, Hard
 from ..planning.capacities import choose_layers
 from ..planning.effects import Drawing
 from ..planning.list_counts import Counts
@@ -150,7 +150,7 @@ def plan_tiles(
     check(scene)
     origin, filter = checked_origin(origin), checked_filter(filter)
     cut = _checked_cut(height, width, tile, coverage)
-    border = int(gradients and isinstance(coverage, Hard) and coverage.edge_gradients)
+    border = mode.gradient_border(coverage) if gradients else 0
     canvas_grid, grid = _grids(cut, border, coverage, grid_bits)
     host = jax.tree.map(np.asarray, scene)
     canvas = Drawing(host, coverage, filter, canvas_grid, origin)
@@ -162,7 +162,7 @@ def plan_tiles(
         lists = _lists_of_all(triangles, cut)
     else:
         lists = list_triangles(_boxes(corners, canvas, border, mode), cut, border)
-    is_sum = isinstance(coverage, Area) and coverage.compositing == "sum"
+    is_sum = mode.is_sum(coverage)
     witness = _orientation_of_all(corners) if is_sum else None
     windows = _Windows(canvas, grid, cut, border, lists, int(is_sum))
     return TiledPlan(cut, origin, border, lists, _plans(windows, mode, listing), witness, gradients)

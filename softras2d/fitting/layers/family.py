@@ -378,11 +378,12 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def _quantize(self, palette: Palette) -> None:
-        """Assign a colour of the palette to each triangle, and freeze the colours.
+        """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
-        The palette is improved too, unless the user gave it. Losses with different frozen colours
-        are not comparable, so a change forgets the best so far. A change below `palette.VISIBLE` is
-        not made.
+        The palette is improved too, unless the user gave it, and the background gets one of its
+        colours if `has_palette_background`. Losses with different frozen colours are not
+        comparable, so a change forgets the best so far. After the first call, changes of the
+        colours and the palette that hardly lower the error are not made (`palette`).
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(

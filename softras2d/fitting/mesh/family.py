@@ -376,11 +376,11 @@ class MeshFit(AbstractFit):
             self.progress = self.progress._replace(steps=steps)
 
     def _quantize(self, palette: Palette) -> None:
-        """Assign a colour of the palette to each triangle, and freeze the colours.
+        """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
         The palette is improved too, unless the user gave it. Losses with different frozen colours
-        are not comparable, so a change forgets the best so far. A change below `palette.VISIBLE` is
-        not made.
+        are not comparable, so a change forgets the best so far. After the first call, changes of
+        the colours and the palette that hardly lower the error are not made (`palette`).
         """
         y = with_frozen(self.progress.y, self.data.frozen)
         quantized = quantize(

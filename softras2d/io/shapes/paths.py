@@ -217,9 +217,13 @@ def flatten(
 
 
 def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
-    """Make the contours of a path that consists of lines; each of their points is a control point.
+    """Flatten a path that consists of lines: the ends of its lines are the points of its contours.
 
-    `control` are the points of the path as an array `[points, 2]`.
+    Each point has the weight 1 for its own index in `Path.points`, or the indices -1 if it is one
+    of `path.fixed`. If a closed contour ends in its first point, that point is not repeated.
+
+    `control`: `path.points` as an array `[points, 2]`. Raises `BudgetError` if the points exceed
+    `budget`.
     """
     indices: list[int] = []
     starts, closed = [], []

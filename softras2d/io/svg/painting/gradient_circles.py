@@ -69,10 +69,12 @@ class Cone(NamedTuple):
     start: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Vectors from the apex to points of the end circle.
+        """Vectors from the apex to points of the end circle, in order of their angle.
 
-        If the apex lies outside of the circles, all circles lie in a cone, and the first and the
-        last ray are its sides. Otherwise `count + 1` rays go once around the end circle.
+        If the apex lies outside of the circles, all circles lie in a cone. There are `count` rays,
+        to the side of the end circle that faces the apex; the first and the last are the sides of
+        the cone. Otherwise there are `count + 1` rays, which go once around the end circle, and the
+        last equals the first.
         """
         distance = float(np.hypot(*self.offset))
         if distance > self.radius:

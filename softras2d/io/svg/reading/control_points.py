@@ -142,14 +142,17 @@ def make_controls(
     canvas: Canvas,
     sources: list[FillSource],
 ) -> SvgControls:
-    """Find the control points of each vertex of a scene.
+    """Find the control points on which each vertex of a drawing's scene depends.
+
+    A vertex that no control point moves is constant in the result: `SvgControls` lists the reasons.
 
     - `document`, `root`: the file, and the root of its elements.
-    - `scene`, `triangles`: what was drawn: vertices 3k to 3k + 2 are the corners of triangle k.
-    - `canvas`: tells which source each shape was filled from.
-    - `sources`: the paths that were filled, flattened.
+    - `scene`: what was drawn. Its vertices 3k to 3k + 2 are the corners of triangle k.
+    - `triangles`: the same triangles, with the draw index of the shape to which each belongs.
+    - `canvas`: its `sources` has, for the draw index of a filled shape, an index in `sources`.
+    - `sources`: the filled shapes, each with its flattened path and its map to pixels.
 
-    Raises `ValueError` if a path has a map to pixels in perspective.
+    Raises `ValueError` if the map of a source to pixels is in perspective.
     """
     paths = _controlled_paths(root, sources)
     first = {id(element): path.first for element, path in paths}
