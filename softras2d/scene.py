@@ -29,7 +29,7 @@ from jaxtyping import Array, Float, Int
 
 from .display.notebook import scene_html
 from .display.scene_text import scene_text
-from .numerics.byte_colors import check_whole_colors, warn_of_bytes
+from .numerics.byte_colors import refuse_integer_bytes, warn_of_bytes
 from .numerics.device import is_traced, to_device, to_host
 from .texture.pyramid import TexturePyramid
 
@@ -340,7 +340,7 @@ def _integers(name: str, value: Any) -> Any:
 def _colors(name: str, value: Any, dtype: Any) -> Any:
     """Convert colours as `_floats` does; raise `ValueError` for integers that can only be bytes."""
     array = _numbers(name, value)
-    check_whole_colors(f"`{name}`", array)
+    refuse_integer_bytes(f"`{name}`", array)
     return _floats(name, array, dtype)
 
 

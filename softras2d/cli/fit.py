@@ -9,6 +9,7 @@ from rich.console import Console
 
 from . import fit_options, fit_steering
 from .fit_bar import FitBar, fit_bar
+from .fit_errors import errors_name_options
 from .fit_options import FilmOptions, PictureOptions
 from .fit_paths import (
     BUNDLED,
@@ -19,7 +20,6 @@ from .fit_paths import (
     check_outputs,
     check_start,
 )
-from .fit_words import errors_name_options
 from .session import print_message, session
 from .stopping import announce_signals
 

@@ -111,10 +111,10 @@ class AnimationFrames:
         self._height, self._width = size
         self._scenes: list[tuple[float, Scene]] = []
 
-    def add(self, moment: ProgressReport) -> None:
+    def add(self, report: ProgressReport) -> None:
         """Store the scene of a progress report if the fit has advanced enough for another frame."""
-        if not self._scenes or moment.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
-            self._scenes.append((moment.share, moment.scene()))
+        if not self._scenes or report.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
+            self._scenes.append((report.share, report.scene()))
 
     def write(self, path: Path, last: Scene) -> None:
         """Draw the stored scenes, and then the scene `last`, and write them as a GIF."""

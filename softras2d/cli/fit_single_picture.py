@@ -15,16 +15,16 @@ from ..fitting.result import FitResult
 from ..io.images import MAX_IMAGE_BYTES, decode_image, read_image
 from ..numerics.compilation_cache import keep_compiled_programs
 from .fit_bar import FitBar
+from .fit_errors import errors_name_options
 from .fit_files import AnimationFrames, write_all
 from .fit_options import SECONDS, PictureOptions
 from .fit_paths import BUNDLED, STANDARD_STREAM, find_suffix
 from .fit_start import read_start
 from .fit_summary import summary
 from .fit_weights import pixel_weights
-from .fit_words import errors_name_options
 from .session import print_message
 from .stopping import announce_signals
-from .view import import_server, shown_address
+from .view import check_server_packages, shown_address
 
 _ANIMATION_SECONDS = 5.0
 """Seconds reserved for drawing an animation; at most three tenths of the time limit."""
@@ -163,7 +163,7 @@ def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> I
     if not watch:
         yield None
         return
-    import_server()
+    check_server_packages()
     from ..viewing.image import Image
     from ..viewing.serve import ViewerServer
     from ..viewing.session import Session

@@ -66,7 +66,7 @@ def view_files(
         for path in files:
             if not path.is_file() and not scenes.is_bundled(path) and path != STANDARD_INPUT:
                 raise ValueError(f"{path}: no such file.")
-        import_server()
+        check_server_packages()
         from ..viewing.scene_file import ReadOptions
         from ..viewing.serve import ViewerServer
         from ..viewing.session import Session
@@ -139,7 +139,7 @@ def shown_address(url: str, browser: bool) -> Iterator[None]:
         yield
 
 
-def import_server() -> None:
+def check_server_packages() -> None:
     """Raise `ValueError`, one line, if the packages of the server are missing."""
     try:
         import starlette  # noqa: F401

@@ -67,13 +67,13 @@ def composite(
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _composite(max_chunks: int, opacity: Opacities, colors: Colors, chunks: Chunks) -> TileColors:
-    return join_chunks(_blend(opacity, colors), alpha_of_chunks(opacity), chunks, max_chunks)
+    return join_chunks(_blend_chunks(opacity, colors), alpha_of_chunks(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, primals, tangents):
     opacity, colors, chunks = primals
-    sums, alpha = _blend(opacity, colors), alpha_of_chunks(opacity)
+    sums, alpha = _blend_chunks(opacity, colors), alpha_of_chunks(opacity)
     out = join_chunks(sums, alpha, chunks, max_chunks)
     change = jnp.zeros_like(out)
     fixed = opacity, colors, chunks, sums, alpha
@@ -95,7 +95,7 @@ def _composite_jvp(max_chunks, primals, tangents):
 
         def by_color(fixed: Fixed, color_change: Colors) -> TileColors:
             opacity, _, chunks, _, alpha = fixed
-            changes = _blend(opacity, color_change)
+            changes = _blend_chunks(opacity, color_change)
             return join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
 
         def to_color(fixed: Fixed, cotangent: TileColors) -> Colors:
@@ -107,7 +107,7 @@ def _composite_jvp(max_chunks, primals, tangents):
 
 
 @materialized
-def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
+def _blend_chunks(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
     """Composite each chunk separately; return its premultiplied colour, one array per channel."""
     return blend_channels(opacity, [colors[:, :, channel] for channel in range(3)])
 
@@ -116,7 +116,7 @@ def _blend(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
 def _blend_change(
     opacity: Opacities, opacity_change: Opacities, colors: Colors
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `_blend` with respect to the opacities."""
+    """Compute the jvp of `_blend_chunks` with respect to the opacities."""
     channels = [colors[:, :, channel] for channel in range(3)]
     return blend_channels_change(opacity, opacity_change, channels)
 

@@ -25,7 +25,7 @@ from .opaque import Packing
 def sum_shaded(
     surface: Surface,
     fragments: Fragments,
-    coverage: UInt32[Array, "chunks layers rows"],
+    covered: UInt32[Array, "chunks layers rows"],
     chunks: Chunks,
     tiling: Tiling,
     *,
@@ -36,7 +36,7 @@ def sum_shaded(
     The result is in the layout of unpacked arrays (`opaque.Packing`).
 
     - `fragments`: list of the visible fragments, a triangle in a pixel.
-    - `coverage`: coverage words of the samples that each slot covers, visible or not. They are used
+    - `covered`: coverage words of the samples that each slot covers, visible or not. They are used
       only if `shading` is `"pixel"`.
     - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
       fragment for all of its samples.
@@ -46,9 +46,9 @@ def sum_shaded(
     # There are fewer slots than fragments, so what the pixels of a slot share is computed per slot.
     lanes = gather_lanes(surface_lanes(surface, triangle, tile, tiling), fragments.slot)
     if shading == "pixel":
-        covered = gather_bits(coverage, fragments.slot, fragments.column, fragments.row, tiling)
+        covered_bits = gather_bits(covered, fragments.slot, fragments.column, fragments.row, tiling)
         points = shading_points(
-            fragments, covered, surface.edges, lanes.weights, triangle, tile, tiling
+            fragments, covered_bits, surface.edges, lanes.weights, triangle, tile, tiling
         )
         total = _shade_pixels(surface, lanes, points, fragments, tiling)
     else:

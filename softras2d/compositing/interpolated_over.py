@@ -76,7 +76,7 @@ def _composite(
     - `positions`: x and y of corners 0, 1 and 2 in turn, in pixels. Only the derivative needs them.
     - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
     """
-    sums = _blend(weights, opacity, corners, geometry, chunks)
+    sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
     return over.join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
 
 
@@ -84,7 +84,7 @@ def _composite(
 def _composite_jvp(max_chunks, weights, primals, tangents):
     opacity, _, corners, geometry, chunks = primals
     opacity_change, velocity, corner_change, _, _ = tangents
-    sums = _blend(weights, opacity, corners, geometry, chunks)
+    sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
     alpha = over.alpha_of_chunks(opacity)
     out = over.join_chunks(sums, alpha, chunks, max_chunks)
     change = jnp.zeros_like(out)
@@ -130,7 +130,7 @@ def _composite_jvp(max_chunks, weights, primals, tangents):
     return out, change
 
 
-def _blend(
+def _blend_chunks(
     weights: PixelFunction,
     opacity: over.Opacities,
     corners: Float[Array, "9 slots"],
@@ -156,7 +156,7 @@ def _blend_change(
     geometry: Any,
     chunks: Chunks,
 ) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend` with respect to the opacities."""
+    """Compute the jvp of `_blend_chunks` with respect to the opacities."""
 
     def blend_block(block: Any) -> list[over.ChunkPixels]:
         opacity, opacity_change, slots = block
@@ -177,7 +177,7 @@ def _blend_color_change(
     velocity: Float[Array, "6 slots"] | None,
     corner_change: Float[Array, "9 slots"] | None,
 ) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend` with respect to the positions and colours of the corners.
+    """Compute the jvp of `_blend_chunks` with respect to the positions and colours of the corners.
 
     `velocity` is the tangent of the positions and `corner_change` the tangent of the colours; None
     stands for 0. At least one is not None.
@@ -218,8 +218,8 @@ def _dot_with_cotangent(
     def dot_block(block: Any) -> over.Opacities:
         tile, slots = block
         corners, geometry = _flatten(slots)
-        of_tiles = _gather_tiles(cotangent, tile)
-        return _dot_interpolated(of_tiles, _evaluate(weights, geometry), corners)
+        tile_cotangents = _gather_tiles(cotangent, tile)
+        return _dot_interpolated(tile_cotangents, _evaluate(weights, geometry), corners)
 
     entries = chunks.tile, _by_chunk((list(corners), geometry), chunks)
     return map_blocks(dot_block, entries, chunks.needed, size=_CHUNKS)
@@ -249,14 +249,14 @@ def _slot_cotangents(
     ) -> Float[Array, "rows slots"]:
         block_corners, block_geometry = gather_slots((list(corners), geometry), block)
         tile, block_weights = _gather_block(chunks.tile, slot_weights, block, layers)
-        weighted = _weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
+        weighted_cotangents = _weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
         parts = []
         if moves:
-            by_weights = _weights_cotangent(weighted, block_corners)
+            by_weights = _weights_cotangent(weighted_cotangents, block_corners)
             no_parameter = jnp.zeros((), slot_weights.dtype)
             parts += weights.vjp(block_geometry, no_parameter, by_weights)
         if recolors:
-            parts += _corner_sums(weighted, _evaluate(weights, block_geometry))
+            parts += _corner_sums(weighted_cotangents, _evaluate(weights, block_geometry))
         return _put_rows(total, parts, block)
 
     start = jnp.zeros((rows, slot_weights.shape[0]), slot_weights.dtype)
@@ -331,15 +331,15 @@ def _gather_tiles(
 
 @materialized
 def _dot_interpolated(
-    of_tiles: list[Float[Array, "chunks pixels"]],
+    tile_cotangents: list[Float[Array, "chunks pixels"]],
     values: SlotWeights,
     corners: list[Float[Array, " slots"]],
 ) -> over.Opacities:
     """Compute the dot product of each slot's RGBA, with alpha 1, and the cotangent.
 
-    `of_tiles` is the cotangent of the tile of each chunk, one array per channel.
+    `tile_cotangents` is the cotangent of the tile of each chunk, one array per channel.
     """
-    *by_channel, by_alpha = of_tiles
+    *by_channel, by_alpha = tile_cotangents
     layers = values[0].shape[0] // by_alpha.shape[0]
     colors = _interpolate(values, corners)
     total = by_alpha[:, None]
@@ -361,25 +361,27 @@ def _gather_block(
 
 @materialized
 def _weigh_cotangent(
-    of_tiles: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
+    tile_cotangents: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
     """Multiply the cotangents of red, green and blue by T a of each slot."""
-    return [channel * slot_weights for channel in of_tiles[:3]]
+    return [channel * slot_weights for channel in tile_cotangents[:3]]
 
 
 @materialized
 def _weights_cotangent(
-    weighted: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
+    weighted_cotangents: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
 ) -> Float[Array, "2 slots pixels"]:
     """Compute the cotangents of the weights of corners 1 and 2.
 
-    `weighted` is T a g, as returned by `_weigh_cotangent`.
+    `weighted_cotangents` is T a g, as returned by `_weigh_cotangent`.
     """
     return jnp.stack(
         [
             sum(
                 (entry - first)[:, None] * channel
-                for entry, first, channel in zip(of_corner, corners[:3], weighted, strict=True)
+                for entry, first, channel in zip(
+                    of_corner, corners[:3], weighted_cotangents, strict=True
+                )
             )
             for of_corner in (corners[3:6], corners[6:])
         ]
@@ -387,14 +389,18 @@ def _weights_cotangent(
 
 
 def _corner_sums(
-    weighted: list[Float[Array, "slots pixels"]], values: SlotWeights
+    weighted_cotangents: list[Float[Array, "slots pixels"]], values: SlotWeights
 ) -> list[Float[Array, " slots"]]:
     """Compute the cotangent of the corner colours: the sum of T a w_j g over the pixels of a slot.
 
-    `weighted` is T a g. Returns red, green and blue of corners 0, 1 and 2 in turn.
+    `weighted_cotangents` is T a g. Returns red, green and blue of corners 0, 1 and 2 in turn.
     """
     second, third = values
-    sums = sum_pixels(*weighted, *(c * second for c in weighted), *(c * third for c in weighted))
+    sums = sum_pixels(
+        *weighted_cotangents,
+        *(c * second for c in weighted_cotangents),
+        *(c * third for c in weighted_cotangents),
+    )
     by_first = [a - b - c for a, b, c in zip(sums[:3], sums[3:6], sums[6:], strict=True)]
     return [*by_first, *sums[3:]]
 

@@ -216,7 +216,7 @@ def _sum_weights(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _sum_corners(
-    packed: UInt32[Array, "chunks layers word_rows"],
+    count: UInt32[Array, "chunks layers word_rows"],
     weights: tuple[
         Float[Array, "chunks layers fields word_rows"],
         Float[Array, "chunks layers fields word_rows"],
@@ -226,15 +226,15 @@ def _sum_corners(
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum corner colours times the sums of their weights, over the slots of each chunk.
 
-    - `packed`: number of visible samples of each slot in each pixel, packed.
+    - `count`: number of visible samples of each slot in each pixel, packed.
     - `weights`: sums of the weights of corners 1 and 2 over these samples.
     - `colors`: colours of the three corners of each slot.
     """
     total = jnp.zeros((), colors.dtype)
     for k in range(colors.shape[1]):
         origin = colors[:, k, 0, :, None, None]
-        count = unpack(packed[:, k], tiling).astype(colors.dtype)
-        total = total + count[:, None] * origin
+        unpacked_count = unpack(count[:, k], tiling).astype(colors.dtype)
+        total = total + unpacked_count[:, None] * origin
         for corner, weight in enumerate(weights, start=1):
             total = total + weight[:, k, None] * (colors[:, k, corner, :, None, None] - origin)
     return total

@@ -259,10 +259,10 @@ def _add_behind(
 ) -> Float[Array, "*samples"]:
     """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample."""
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
-    return value_behind + opacity * _gain(layer, corner_values, value_behind)
+    return value_behind + opacity * _value_difference(layer, corner_values, value_behind)
 
 
-def _gain(
+def _value_difference(
     layer: Layer,
     corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
@@ -272,7 +272,7 @@ def _gain(
 
 
 @functools.partial(materialized, static_argnames=("tiling", "corner"))
-def _sum_gains(
+def _sum_alpha_derivatives(
     layer: Layer,
     transmittance: Float[Array, "*samples"],
     corner_values: Float[Array, "corners width lines"],
@@ -286,7 +286,7 @@ def _sum_gains(
     These are the derivatives with respect to alpha. With `corner` 1 or 2, each is multiplied by the
     weight of this corner. With 0 it is not.
     """
-    gains = transmittance * _gain(layer, corner_values, value_behind)
+    gains = transmittance * _value_difference(layer, corner_values, value_behind)
     return sum_covered(layer, gains, corner, tiling)
 
 
@@ -308,7 +308,9 @@ def _layer_gradient(
     """
     corners = range(layer.line_colors.shape[1])
     by_alpha = [
-        _sum_gains(layer, transmittance, corner_values, value_behind, corner=corner, tiling=tiling)
+        _sum_alpha_derivatives(
+            layer, transmittance, corner_values, value_behind, corner=corner, tiling=tiling
+        )
         for corner in corners
     ]
     visible = [

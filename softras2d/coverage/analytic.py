@@ -92,7 +92,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
         """Compute the derivative of the value by the parameter; 0 by default."""
         return jnp.zeros((), x.dtype)
 
-    def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
+    def has_zero_derivatives(self, value: Array) -> Bool[Array, "*values slots pixels"]:
         """Whether all derivatives are known to be 0, judged by the value alone.
 
         By default they are not known to be.
@@ -136,11 +136,11 @@ def _evaluate_jvp(function, primals, tangents):
 
         def forward(fixed: Any, velocity: Float[Array, "6 slots"]) -> Array:
             geometry, parameter, value = fixed
-            return _jvp_where_steep(function, geometry, parameter, value, velocity)
+            return _jvp_where_nonzero(function, geometry, parameter, value, velocity)
 
         def backward(fixed: Any, cotangent: Array) -> Float[Array, "6 slots"]:
             geometry, parameter, value = fixed
-            return _vjp_where_steep(function, geometry, parameter, value, cotangent)
+            return _vjp_where_nonzero(function, geometry, parameter, value, cotangent)
 
         change = linear_map(forward, backward)((geometry, parameter, value), velocity)
     if not isinstance(parameter_change, SymbolicZero):
@@ -155,7 +155,7 @@ def _values(function: PixelFunction[Geometry], geometry: Geometry, parameter: Pa
     return function.value(*spread(geometry, parameter, function.tile_side))
 
 
-def _vjp_where_steep(
+def _vjp_where_nonzero(
     function: PixelFunction[Geometry],
     geometry: Geometry,
     parameter: Parameter,
@@ -180,7 +180,7 @@ def _vjp_where_steep(
     return for_each_block(flags, visit, jnp.zeros((6, slots), value.dtype))
 
 
-def _jvp_where_steep(
+def _jvp_where_nonzero(
     function: PixelFunction[Geometry],
     geometry: Geometry,
     parameter: Parameter,
@@ -204,13 +204,13 @@ def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
     """Whether a pixel may add to the vjp, with a cotangent and a derivative that may not be 0."""
-    return _any_value((cotangent != 0) & ~function.is_flat(value))
+    return _any_value((cotangent != 0) & ~function.has_zero_derivatives(value))
 
 
 @functools.partial(materialized, static_argnames=("function",))
 def _may_change(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
     """Whether a pixel's value may change as the corners move."""
-    return _any_value(~function.is_flat(value))
+    return _any_value(~function.has_zero_derivatives(value))
 
 
 def _any_value(flags: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:

@@ -44,7 +44,7 @@ def step(profile: str, q: Any) -> Any:
     return jnp.clip((1.0 / (1.0 + jnp.exp(-z)) - _REST) / (1.0 - 2.0 * _REST), 0.0, 1.0)
 
 
-def slope(profile: str, q: Any) -> Any:
+def profile_derivative(profile: str, q: Any) -> Any:
     """Evaluate the derivative of `step` by q; it is 0 beyond the support."""
     if profile == "window":
         scale = 0.5 / SUPPORT["window"]

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float
 from ..numerics.fusion_barrier import materialized
 from .analytic import AnalyticCoverage, Coordinates, Parameter, PointValues
 from .edge_lines import ROUNDING, TriangleLines, mix_gradient, mix_velocity
-from .profiles import SUPPORT, slope, step
+from .profiles import SUPPORT, profile_derivative, step
 from .tile_sums import spread, sum_moments
 
 
@@ -103,9 +103,9 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         q = _signed_distance(nearest_point(geometry, x, y)) / parameter
         # Beyond the support the slope is 0, and q may be as large as to overflow.
         bound = SUPPORT[self.profile]
-        return -slope(self.profile, q) * jnp.clip(q, -bound, bound) / parameter
+        return -profile_derivative(self.profile, q) * jnp.clip(q, -bound, bound) / parameter
 
-    def is_flat(self, value: Array) -> Bool[Array, "*values slots pixels"]:
+    def has_zero_derivatives(self, value: Array) -> Bool[Array, "*values slots pixels"]:
         """Whether pixels are empty or full, as all pixels beyond the support of the profile are."""
         return (value <= 0) | (value >= 1)
 
@@ -235,7 +235,7 @@ def _growth_rates(
     normal. The second is for pixels around a corner: coverage per pixel of movement from the corner
     towards the pixel's centre, divided by their distance.
     """
-    rate = slope(profile, _signed_distance(near) / width) / width
+    rate = profile_derivative(profile, _signed_distance(near) / width) / width
     distance = _distance(near)
     # In front of an edge and yet outside: this is the back of a triangle without area.
     outwards = jnp.where(near.is_inside | (near.offset <= 0), -1.0, 1.0)

@@ -13,7 +13,7 @@ from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import Devices
 from ..scene import Scene
 from . import choices, steering
-from .budget import SCORING_SECONDS, Budget, Limits
+from .budget import END_SECONDS, Budget, Limits
 from .interrupt import Interrupt, deferred_interrupt
 from .loop import run
 from .loss import LossFunction
@@ -251,8 +251,8 @@ def _run(
     first, count = tasks[0], len(tasks)
     warm_up = first.warm_up(limits.deadline is not None)
     with ThreadPoolExecutor(1) as pool:
-        scoring = pool.submit(lambda: count * warm_up())
-        budget = Budget(limits, scoring, first.seconds_before, count * SCORING_SECONDS)
+        end_seconds = pool.submit(lambda: count * warm_up())
+        budget = Budget(limits, end_seconds, first.seconds_before, count * END_SECONDS)
         return run(
             [task.fit for task in tasks], [task.history for task in tasks], budget,
             steps=first.steps_before, max_steps=first.max_steps, stop=stop, report=report_records,

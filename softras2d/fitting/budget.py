@@ -8,8 +8,8 @@ import numpy as np
 DEFAULT_STEPS = 1000
 """Steps of a fit that is given neither `steps` nor `seconds`."""
 
-SCORING_SECONDS = 3.0
-"""Seconds set aside for scoring a result, until it is known how long that takes."""
+END_SECONDS = 3.0
+"""Seconds set aside for the end of a fit, until it is known how long that takes."""
 
 MAX_START_SHARE = 0.35
 """Share of the time limit `seconds` after which the search for a start ends with what it has."""
@@ -74,15 +74,15 @@ class Estimate(Protocol):
 class Budget(NamedTuple):
     """The limits of a fit, and how much of them is used.
 
-    - `scoring`: the seconds that the end of the fit takes: solving for colours, and scoring.
+    - `end_seconds`: the seconds that the end of the fit takes: solving for colours, and scoring.
     - `seconds_before`: seconds that the resumed fit took; 0 if there is none.
-    - `scoring_guess`: the seconds to set aside until `scoring` is known.
+    - `end_guess`: the seconds to set aside until `end_seconds` is known.
     """
 
     limits: Limits
-    scoring: Estimate
+    end_seconds: Estimate
     seconds_before: float
-    scoring_guess: float = SCORING_SECONDS
+    end_guess: float = END_SECONDS
 
     def share(self, steps: int, compiled_at: float | None) -> float:
         """Share of the fit that is done after `steps` steps, 0..1.
@@ -129,5 +129,5 @@ class Budget(NamedTuple):
     def _seconds_for_steps(self) -> float:
         """Seconds left for steps before the deadline, less the seconds set aside for the end."""
         assert self.limits.deadline is not None
-        scoring = self.scoring.result() if self.scoring.done() else self.scoring_guess
-        return max(0.0, self.limits.deadline - scoring - time.perf_counter())
+        seconds = self.end_seconds.result() if self.end_seconds.done() else self.end_guess
+        return max(0.0, self.limits.deadline - seconds - time.perf_counter())

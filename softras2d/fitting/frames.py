@@ -23,12 +23,12 @@ from .score import Scorer
 from .target import Image, Target
 from .task import Task
 
-_STILL = 8 / 255
+_STILL_CHANGE = 8 / 255
 """Change of a pixel of the target between two frames at which the temporal weight falls to 1/e.
 
 It is the largest change of any channel, for values in 0..1, and lies above the noise of cameras."""
 
-_LATE = 0.7
+_LATER_FRAMES_START = 0.7
 """Share of a fit of layers after which the learning rate falls.
 
 The schedule of each frame but the first begins there."""
@@ -149,7 +149,7 @@ class _Film:
         fit.retarget(Target(target), self._blended(before, target, temporal))
         counter, taken, accepted = AcceptedSteps(0), 0, 0
         while taken < steps:
-            fit.refine(_LATE + (1 - _LATE) * taken / steps)
+            fit.refine(_LATER_FRAMES_START + (1 - _LATER_FRAMES_START) * taken / steps)
             chunk = min(task.max_steps, steps - taken)
             losses = advance_fits([fit], chunk, task.max_steps)[0]
             taken, accepted = taken + len(losses), counter.add(losses)
@@ -164,7 +164,7 @@ class _Film:
         """
         prepare = self._fit.request.loss.prepare
         change = np.abs(target - before).max(-1)
-        weight = np.float32(temporal) * np.exp(-((change / _STILL) ** 2)).astype(np.float32)
+        weight = np.float32(temporal) * np.exp(-((change / _STILL_CHANGE) ** 2)).astype(np.float32)
         image, shown = (
             np.asarray(prepare(to_device(array, np.float32))) for array in (target, self._fit.image)
         )

@@ -32,10 +32,10 @@ from .target import Target
 Palette = Float[np.ndarray, "colors 3"]
 """The RGB colours that triangles may have, in 0..1."""
 
-_PIXELS = 2**13
+_SAMPLE_COUNT = 2**13
 """Number of pixels of the target, drawn at random, from which the first palette is made."""
 
-_STARTS, _LLOYD_ROUNDS = 8, 20
+_KMEANS_RUNS, _LLOYD_ROUNDS = 8, 20
 """Number of runs of k-means, the best of which gives the first palette; and rounds of each run."""
 
 PALETTE_START = 0.6
@@ -44,7 +44,7 @@ PALETTE_START = 0.6
 Before that they are free, because fits in the palette's colours from the start end with a PSNR up
 to a decibel lower."""
 
-_BOUNDS, _ROUNDS = 2, 4
+_BOUND_COUNT, _ROUNDS_PER_BOUND = 2, 4
 """Number of upper bounds of the squared error that a call of `quantize` computes one after another;
 and, if the fit chooses the palette, rounds of k-means for each bound."""
 
@@ -54,7 +54,7 @@ _LEAST_WEIGHT = 1e-6
 The curvature is about the number of pixels in which the triangle shows."""
 
 
-VISIBLE = 1 / 1024
+LEAST_CHANGE = 1 / 1024
 """Least change of a colour channel, for values in 0..1, that counts as a change.
 
 With second-order solvers, each change makes the solve begin anew."""
@@ -73,12 +73,12 @@ class Quantized(NamedTuple):
     background: Float[np.ndarray, " channels"]
 
     def is_close(self, colors: Float[np.ndarray, "..."], palette: Palette) -> bool:
-        """Whether `colors` and `palette` differ from these by less than `VISIBLE` in each channel.
+        """Whether `colors` and `palette` differ from these by less than `LEAST_CHANGE` per channel.
 
         `colors`: one for each triangle, in an array of any shape that ends with 3 channels.
         """
         change = np.abs(self.colors - np.asarray(colors).reshape(-1, 3)).max(initial=0.0)
-        return bool(max(change, np.abs(self.palette - palette).max()) < VISIBLE)
+        return bool(max(change, np.abs(self.palette - palette).max()) < LEAST_CHANGE)
 
 
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
@@ -91,9 +91,9 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
     if target.image.shape[-1] == 4:
         weight = weight * target.image[..., 3]
     share = weight.ravel().astype(np.float64) + 1e-12
-    pixels = rng.choice(share.size, _PIXELS, p=share / share.sum())
+    pixels = rng.choice(share.size, _SAMPLE_COUNT, p=share / share.sum())
     colors = target.image.reshape(-1, target.image.shape[-1])[pixels, :3].astype(np.float64)
-    palettes = [_kmeans(rng, colors, count) for _ in range(_STARTS)]
+    palettes = [_kmeans(rng, colors, count) for _ in range(_KMEANS_RUNS)]
     return min(palettes, key=lambda palette: _distances(palette, colors).sum())
 
 
@@ -153,8 +153,8 @@ def quantize(
     target: Target,
     palette: Palette,
     *,
-    is_free: bool,
-    has_background: bool,
+    improves_palette: bool,
+    quantizes_background: bool,
 ) -> Quantized:
     """Assign a colour of the palette to each flat triangle, for a low squared error.
 
@@ -166,31 +166,32 @@ def quantize(
     - `y`: the unknowns, with frozen values in place.
     - `data`: the second argument of `residual`, without `frozen`.
     - `target`: premultiplied, at the size of the fit.
-    - `is_free`: whether the palette is improved too.
-    - `has_background`: whether the background gets a colour of the palette; for opaque images.
+    - `improves_palette`: whether the palette is improved too.
+    - `quantizes_background`: whether the background gets a colour of the palette; for opaque
+      images.
     """
     weights = None if target.weights is None else to_device(target.weights, np.float32)
     image = to_device(target.image, np.float32)
     shape = y.colors.shape
     colors = np.asarray(y.colors, np.float64).reshape(-1, 3)
     background = np.asarray(data.background)
-    for _ in range(_BOUNDS):
+    for _ in range(_BOUND_COUNT):
         y = y._replace(colors=to_device(colors.reshape(shape), np.float32))
         data = data._replace(background=to_device(background, np.float32))
         gradients, curvatures = _parabolas(residual, y, data, image, weights)
         present = colors
-        if has_background:
+        if quantizes_background:
             present = np.concatenate([colors, background[None].astype(np.float64)])
         else:
             gradients, curvatures = gradients[: len(colors)], curvatures[: len(colors)]
         weight = np.asarray(curvatures, np.float64).mean(1)
         step = np.asarray(gradients, np.float64) / np.maximum(weight, _LEAST_WEIGHT)[:, None]
         ideal = np.clip(present - np.where((weight > _LEAST_WEIGHT)[:, None], step, 0.0), -1, 2)
-        if is_free:
-            palette = _lloyd(palette, ideal, weight, _ROUNDS)
+        if improves_palette:
+            palette = _lloyd(palette, ideal, weight, _ROUNDS_PER_BOUND)
         assigned = palette[nearest(palette, ideal)]
         colors = assigned[: len(colors)]
-        if has_background:
+        if quantizes_background:
             background = assigned[-1]
     return Quantized(colors.astype(np.float32), palette, background.astype(np.float32))
 

@@ -14,7 +14,7 @@ _INTERVAL = 10.0
 
 Rehearsals share the processor with the fit, so they must be rare."""
 
-_LAST = 3.0
+_LEAST_TIME_LEFT = 3.0
 """Least time left for steps when a rehearsal begins, as a multiple of the time that the end of the
 fit takes. The fit would wait for a later one."""
 
@@ -86,7 +86,7 @@ class Rehearsal:
             self.psnr, self._seconds = self._running.result()
             self._running, self._ended = None, time.perf_counter()
         idle, needed = time.perf_counter() - self._ended, self.result()
-        is_due = idle >= _INTERVAL * needed and not seconds_left < _LAST * needed
+        is_due = idle >= _INTERVAL * needed and not seconds_left < _LEAST_TIME_LEFT * needed
         if self._running is None and is_due:
             self._running = self._pool.submit(self._rehearse, best_scene())
 

@@ -133,10 +133,10 @@ def advance_each(
             shard = [arrays for arrays, _ in partitions[first : first + share]]
             # The last shard is filled up, so that one program serves all of them.
             shard += [shard[-1]] * (share - len(shard))
-            stacked, moved, count = _placed((_stack(shard), residual, number), device)
+            stacked, moved, count = _on_device((_stack(shard), residual, number), device)
             started.append(_advance_stacked(solver, moved, stacked, static, count, max_steps))
         # All devices work by now. Arrays of later steps are to be on one of them.
-        together = [_placed(results, devices[0]) for results in started]
+        together = [_on_device(results, devices[0]) for results in started]
         rows = [(together[k // share], k % share) for k in range(len(solves))]
     return [
         _chunk_of(results, index, progress, static, steps)
@@ -149,7 +149,7 @@ def _stack(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def _placed(tree: Any, device: Device) -> Any:
+def _on_device(tree: Any, device: Device) -> Any:
     """Copy the arrays of a pytree to a device; return the pytree with these arrays."""
     arrays, rest = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.device_put(arrays, device), rest)

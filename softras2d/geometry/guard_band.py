@@ -128,7 +128,7 @@ def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangle
     )
 
 
-def planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
+def far_weight_planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
     """Compute the barycentric weights of triangles past the band as affine functions.
 
     In a triangle without area each corner weighs 1/3 everywhere. Other triangles get weights that

@@ -28,7 +28,7 @@ from .fixed_point import (
     split_edges,
     within_guard,
 )
-from .guard_band import WeightPlanes, clip, far_triangles, planes
+from .guard_band import WeightPlanes, clip, far_triangles, far_weight_planes
 
 
 class Projection(NamedTuple):
@@ -83,7 +83,7 @@ def project(
         far = materialize(far_triangles)(corners, is_far)
         segments = materialize(functools.partial(clip, grid=grid))(far, segments)
         if weights:
-            far_weights = materialize(functools.partial(planes, grid=grid))(far)
+            far_weights = materialize(functools.partial(far_weight_planes, grid=grid))(far)
     edges = materialize(functools.partial(edge_functions, grid=grid, fill_rule=fill_rule))(segments)
     box = materialize(functools.partial(sample_bounds, grid=grid))(segments)
     return Projection(corners, segments, split_edges(edges), box, far_weights, is_far)

@@ -76,7 +76,7 @@ class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
     - `channels`: number of channels of the image.
-    - `crossings`: capacity for runs of crossings; runs beyond it add nothing.
+    - `max_runs`: capacity for runs of crossings; runs beyond it add nothing.
     - `max_chunks`: upper bound on the number of chunks of a tile, a power of two; only opaque
       scenes need it.
     - `max_list_length`: upper bound on the number of entries in the list of a tile; only
@@ -85,7 +85,7 @@ class BoundaryShape(NamedTuple):
 
     tiling: Tiling
     channels: int
-    crossings: int
+    max_runs: int
     max_chunks: int
     max_list_length: int
 
@@ -175,8 +175,8 @@ def _sweep(
     `masks` are the layer masks of a translucent scene, None for an opaque one.
     """
     grid, channels = shape.tiling.grid, shape.channels
-    block = min(_BLOCK, max(shape.crossings, 1))
-    blocks = -(-shape.crossings // block)
+    block = min(_BLOCK, max(shape.max_runs, 1))
+    blocks = -(-shape.max_runs // block)
     runs = list_runs(
         outlines.first,
         outlines.count,

@@ -104,7 +104,7 @@ class _State(NamedTuple):
     if_absent: _Behind | None
 
 
-class _Lists(NamedTuple):
+class _LayerAddresses(NamedTuple):
     """Where the layers of both samples of each crossing are.
 
     - `inside`, `outside`: addresses of the masks of the samples inside and outside.
@@ -234,14 +234,14 @@ def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
 
 def _locate_lists(
     masks: LayerMasks, crossings: Crossings, triangle: Int[Array, " runs"], tiling: Tiling
-) -> _Lists:
+) -> _LayerAddresses:
     """Find where the layers of both samples of each crossing are, and the edge's triangle."""
     inside, outside = (
         locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
     )
     tiles = tiles_of_runs(outside.tile, crossings.valid, masks.lists.start)
     listed = list_edges(masks, tiles, triangle)
-    return _Lists(inside, outside, inside.tile == outside.tile, tiles, listed)
+    return _LayerAddresses(inside, outside, inside.tile == outside.tile, tiles, listed)
 
 
 @materialized
@@ -249,7 +249,7 @@ def _compare_masks(
     inside: UInt32[Array, "lines runs"],
     outside: UInt32[Array, "lines runs"],
     is_valid: Bool[Array, "lines runs"],
-    where: _Lists,
+    where: _LayerAddresses,
     plane: Int[Array, ""],
 ) -> _Masks:
     """Compare the masks of both samples in one plane.
@@ -286,7 +286,7 @@ def _visit_outside(
     outside: Sample,
     edge_layer: EdgeLayer,
     compared: _Masks,
-    where: _Lists,
+    where: _LayerAddresses,
     plane: Int[Array, ""],
     state: _State,
     tiling: Tiling,

@@ -242,16 +242,16 @@ def _line_crossings(
         valid = valid & edge.gather(after).at(*pairs.first).is_inside()
     across, down = (jnp.abs(slope[before] - slope[after]) for slope in planes.slope)
     valid = valid & jnp.where(pairs.is_down, down > across, across >= down)
-    of_before, of_after = (
+    before_samples, after_samples = (
         [
             weights_and_depth(depths, planes.area, triangle, sample, tiling)
             for sample in (pairs.first, pairs.second)
         ]
         for triangle in (before, after)
     )
-    first_gap = of_before[0][1] - of_after[0][1]
-    second_gap = of_before[1][1] - of_after[1][1]
-    largest = jnp.maximum(jnp.abs(of_before[0][1]), jnp.abs(of_after[1][1]))
+    first_gap = before_samples[0][1] - after_samples[0][1]
+    second_gap = before_samples[1][1] - after_samples[1][1]
+    largest = jnp.maximum(jnp.abs(before_samples[0][1]), jnp.abs(after_samples[1][1]))
     gap_change = second_gap - first_gap
     valid = valid & (first_gap <= 0) & (second_gap >= 0) & (gap_change > _ROUNDING * largest)
     # The position of the line: 0 at the first sample, 1 at the second.
@@ -260,7 +260,7 @@ def _line_crossings(
         first + t[None] * (second - first)
         for first, second in (
             [jnp.stack(weights) for weights, _ in at_samples]
-            for at_samples in (of_before, of_after)
+            for at_samples in (before_samples, after_samples)
         )
     )
     column, row = (

@@ -48,12 +48,12 @@ class SampleAddress(NamedTuple):
 
     - `tile`: the tile of the sample.
     - `start`: index of the first entry of the tile's list in the tile lists.
-    - `entry`: index of the sample's mask in a flattened plane of `LayerMasks.masks`.
+    - `mask_index`: index of the sample's mask in a flattened plane of `LayerMasks.masks`.
     """
 
     tile: Int[Array, "*samples"]
     start: Int[Array, "*samples"]
-    entry: Int[Array, "*samples"]
+    mask_index: Int[Array, "*samples"]
 
 
 def layer_masks(
@@ -103,23 +103,23 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
     """Compute the `SampleAddress` of samples on the canvas."""
     tile, word_index, column = address(sample, tiling)
     tile_rows = masks.masks.shape[2]
-    entry = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
-    return SampleAddress(tile, masks.lists.start[tile], entry)
+    mask_index = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
+    return SampleAddress(tile, masks.lists.start[tile], mask_index)
 
 
 def gather_masks(
     masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
     """Gather the masks of samples in the plane of number `plane`."""
-    return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.entry)
+    return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.mask_index)
 
 
 @materialized
 def _gather(
-    masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], entry: Int[Array, "*samples"]
+    masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], mask_index: Int[Array, "*samples"]
 ) -> UInt32[Array, "*samples"]:
-    # Indexed by plane and entry at once, because slicing out the plane first would copy it.
-    return masks.at[plane, entry].get(mode="promise_in_bounds")
+    # Indexed by plane and mask index at once, because slicing out the plane first would copy it.
+    return masks.at[plane, mask_index].get(mode="promise_in_bounds")
 
 
 @functools.partial(materialized, static_argnames=("max_list_length",))

@@ -271,14 +271,14 @@ class _Layers(NamedTuple):
     - `in_front`: transmittance of the layers in front of the triangle.
     - `color`, `alpha`: premultiplied colour and alpha of the triangle; 0 until it is visited.
     - `behind`: premultiplied colour of the layers behind the triangle.
-    - `transmittance`: transmittance of the layers behind the triangle.
+    - `behind_transmittance`: transmittance of these layers.
     """
 
     in_front: Float[Array, " lanes"]
     color: Float[Array, "channels lanes"]
     alpha: Float[Array, " lanes"]
     behind: Float[Array, "channels lanes"]
-    transmittance: Float[Array, " lanes"]
+    behind_transmittance: Float[Array, " lanes"]
 
 
 def _added_color(
@@ -335,8 +335,8 @@ def _add_layer(
         layers.in_front * jnp.where(is_in_front, 1.0 - alpha, 1.0),
         jnp.where(is_triangle[None], color, layers.color),
         jnp.where(is_triangle, alpha, layers.alpha),
-        layers.behind + jnp.where(is_behind, layers.transmittance, 0.0)[None] * color,
-        layers.transmittance * jnp.where(is_behind, 1.0 - alpha, 1.0),
+        layers.behind + jnp.where(is_behind, layers.behind_transmittance, 0.0)[None] * color,
+        layers.behind_transmittance * jnp.where(is_behind, 1.0 - alpha, 1.0),
     )
 
 
@@ -344,5 +344,5 @@ def _over_behind(
     layers: _Layers, background: Float[Array, " channels"]
 ) -> Float[Array, "channels lanes"]:
     """Compute the colour with the triangle minus the colour without it, from all its layers."""
-    under = layers.behind + layers.transmittance[None] * background[:, None]
+    under = layers.behind + layers.behind_transmittance[None] * background[:, None]
     return layers.in_front[None] * (layers.color - layers.alpha[None] * under)

@@ -125,9 +125,12 @@ def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> byte
     if is_implied:
         soup = steps.reshape(-1, 3, 2)
         soup[:, 1:] -= soup[:, :1]
-        blocks = [_planes(soup.transpose(2, 1, 0))]
+        blocks = [_encode_integers(soup.transpose(2, 1, 0))]
     else:
-        blocks = [_planes(_differences(steps).T), _planes(_differences(triangles).T)]
+        blocks = [
+            _encode_integers(_differences(steps).T),
+            _encode_integers(_differences(triangles).T),
+        ]
     blocks += [np.moveaxis(levels[0], -1, 0).tobytes(), levels[1].tobytes()]
     return _MARK + header + zlib.compress(b"".join(blocks), 9)
 
@@ -153,14 +156,14 @@ def _decode(data: bytes) -> CompactScene:
     body = unpacker.decompress(data[len(_MARK) + _HEADER.size :], body_bytes + 1)
     if len(body) != body_bytes or not unpacker.eof:
         raise ValueError(f"{body_bytes} bytes of data were expected; got {len(body)}")
-    steps = _integers(body[: 8 * vertices])
+    steps = _decode_integers(body[: 8 * vertices])
     if is_implied:
         soup = steps.reshape(2, 3, count).transpose(2, 1, 0).copy()
         soup[:, 1:] += soup[:, :1]
         positions, triangles = soup.reshape(-1, 2), np.arange(vertices)
     else:
         positions = np.cumsum(steps.reshape(2, vertices).T, axis=0)
-        index_differences = _integers(body[8 * vertices : 8 * vertices + index_bytes])
+        index_differences = _decode_integers(body[8 * vertices : 8 * vertices + index_bytes])
         triangles = np.cumsum(index_differences.reshape(3, count).T, axis=0)
     levels = np.frombuffer(body, np.uint8)[8 * vertices + index_bytes :]
     colors = np.moveaxis(levels[:color_bytes].reshape(channels, count, corners), 0, -1)
@@ -184,15 +187,15 @@ def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows
     return np.diff(rows, axis=0, prepend=0)
 
 
-def _planes(integers: Int[np.ndarray, "..."]) -> bytes:
+def _encode_integers(integers: Int[np.ndarray, "..."]) -> bytes:
     """Encode integers of 32 bits: the lowest byte of each, then the second bytes, and so on."""
     # Zigzag: small negative numbers become small positive ones, with zeros in their high bytes.
     zigzag = (np.abs(integers) * 2 - (integers < 0)).astype("<u4")
     return zigzag.reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
-def _integers(planes: bytes) -> Int[np.ndarray, " integers"]:
-    """Decode what `_planes` has encoded, as a one-dimensional array."""
+def _decode_integers(planes: bytes) -> Int[np.ndarray, " integers"]:
+    """Decode what `_encode_integers` has encoded, as a one-dimensional array."""
     bytes_of_each = np.frombuffer(planes, np.uint8).reshape(4, -1).T
     zigzag = np.ascontiguousarray(bytes_of_each).view("<u4").ravel().astype(np.int64)
     return np.where(zigzag % 2 == 1, -(zigzag + 1) // 2, zigzag // 2)

@@ -18,7 +18,7 @@ _UNREAD_KINDS = {
 """
 
 
-def unreadable(name: str, path: Path) -> str:
+def unreadable_message(name: str, path: Path) -> str:
     """Make the message about the file `path`, which OpenImageIO has just failed to open.
 
     The message calls the file `name`. For HEIC and AVIF, it says to convert the file first.

@@ -29,7 +29,7 @@ from jaxtyping import Float32, UInt8
 from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
 from .budget import BudgetError
 from .drafts import atomic_file
-from .image_errors import reason_text, unreadable
+from .image_errors import reason_text, unreadable_message
 from .outputs import WRITABLE, check_writable_path
 
 MAX_IMAGE_BYTES = 2**30
@@ -67,7 +67,7 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
         raise ValueError(f"{path}: no such file.")
     source = oiio.ImageInput.open(str(path))
     if source is None:
-        raise ValueError(unreadable(str(path), path))
+        raise ValueError(unreadable_message(str(path), path))
     try:
         spec = source.spec()
     finally:
@@ -217,7 +217,7 @@ def _read_channels(
     hint.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(path), hint)
     if source is None:
-        raise ValueError(unreadable(name, path))
+        raise ValueError(unreadable_message(name, path))
     try:
         spec = source.spec()
         _check_size(name, spec)

@@ -16,7 +16,7 @@ from jax.core import Tracer
 _PACKAGE = str(Path(__file__).parent.parent)
 
 
-def check_whole_colors(what: str, colors: Any) -> None:
+def refuse_integer_bytes(what: str, colors: Any) -> None:
     """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
     The message begins with `what`. Under a trace values are not known, so all unsigned integers are

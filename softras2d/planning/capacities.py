@@ -175,7 +175,9 @@ def choose_capacity(
         # Strips cost least of all: as many as pairs, or a quarter of them.
         strip_capacity = pair_capacity // 4 if 4 * strips <= pairs else pair_capacity
         # Crossings are a tenth of the cost of a gradient, so their size classes are finer.
-        crossing_capacity = _in_proportion(crossings, needed_slots, slots, halves=True)
+        crossing_capacity = _in_proportion(
+            crossings, needed_slots, slots, allow_three_quarters=True
+        )
     return Capacity(
         strips=max(strip_capacity, headroom.least_slots),
         pairs=max(pair_capacity, headroom.least_slots),
@@ -210,16 +212,20 @@ def _chunks_of_tiles(scene: Counts, layers: int) -> np.ndarray:
     return -(-scene.list_lengths // layers)
 
 
-def _in_proportion(need: int, needed_slots: int, slots: int, *, halves: bool = False) -> int:
+def _in_proportion(
+    need: int, needed_slots: int, slots: int, *, allow_three_quarters: bool = False
+) -> int:
     """Capacity for a list that needs `need` entries, in proportion to the slots of the plan.
 
     It is `slots`, the number of slots of the plan, times the least power of two that is not below
-    `need / needed_slots` nor below `_LEAST_RATIO`. With `halves`, three quarters of a power of two
-    are allowed too.
+    `need / needed_slots` nor below `_LEAST_RATIO`. With `allow_three_quarters`, three
+    quarters of a power of two are allowed too.
     """
     ratio = max(need / needed_slots, _LEAST_RATIO)
     octave = 2.0 ** math.ceil(math.log2(ratio))
-    return int(slots * (0.75 * octave if halves and ratio <= 0.75 * octave else octave))
+    return int(
+        slots * (0.75 * octave if allow_three_quarters and ratio <= 0.75 * octave else octave)
+    )
 
 
 def _slot_class(need: int, headroom: Headroom) -> int:

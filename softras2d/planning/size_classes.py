@@ -89,10 +89,12 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
     triangles = scene.triangles.shape[0]
-    return pad_to(scene, next_power(triangles) if plan.lists_all else triangle_class(triangles))
+    return pad_to(
+        scene, listed_triangle_class(triangles) if plan.lists_all else triangle_class(triangles)
+    )
 
 
-def fine_class(count: int) -> int:
+def unknowns_class(count: int) -> int:
     """Round a number of triangles up to one of eight sizes between a power of two and the next.
 
     Sizes are multiples of 4. They are for arrays whose padding costs much: the unknowns of a fit.
@@ -106,7 +108,7 @@ def triangle_class(count: int) -> int:
     return next((size for size in _SMALL_CLASSES if count <= size), _next_power(count))
 
 
-def next_power(count: int) -> int:
+def listed_triangle_class(count: int) -> int:
     """Round a number of triangles up to a power of two, at least `_LEAST_POWER`.
 
     This is the size class of scenes for which every tile lists every triangle.

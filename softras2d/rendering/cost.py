@@ -46,12 +46,12 @@ def price_effects(
     price = complete.price(_median(complete.run, repeats))
     yield None, price, price
     for effect in plan.effects:
-        reduced = _Program(*without(scene, plan, effect))
+        reduced = _Program(*without_effect(scene, plan, effect))
         complete_seconds, reduced_seconds = _medians(complete.run, reduced.run, repeats)
         yield effect, complete.price(complete_seconds), reduced.price(reduced_seconds)
 
 
-def without(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
+def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; returns the simpler scene and its plan.
 
     The simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if

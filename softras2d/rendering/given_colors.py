@@ -19,7 +19,7 @@ from ..gradients.sample_colors import SampleColors
 from ..gradients.visible_front import color_on_edge
 from ..shading.surface import Surface
 from .corner_weights import weights_at
-from .sample_grid import number_of
+from .sample_grid import buffer_index
 
 Shade = Callable[[Int[Array, " n"], Float[Array, "n 3"]], Float[Array, "n channels"]]
 """A function from triangle indices and barycentric weights to values. Each row of the result
@@ -95,12 +95,12 @@ class ArrayColors(SampleColors):
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
         """Value given for each sample, whatever triangle shows there; the background for -1."""
-        values = jnp.moveaxis(self.values[number_of(sample, self.grid)], -1, 0)
+        values = jnp.moveaxis(self.values[buffer_index(sample, self.grid)], -1, 0)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Value given for the sample next to each crossing, on the inside of the edge."""
-        return jnp.moveaxis(self.values[number_of(crossings.inside, self.grid)], -1, 0)
+        return jnp.moveaxis(self.values[buffer_index(crossings.inside, self.grid)], -1, 0)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
@@ -126,7 +126,7 @@ class LayerArrayColors(SampleColors):
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
         """Value of the layer that has this triangle at each sample; 0 if no layer has it."""
-        number = number_of(sample, self.grid)
+        number = buffer_index(sample, self.grid)
         is_layer = (self.triangle[number] == triangle[..., None]) & (triangle >= 0)[..., None]
         values = jnp.where(is_layer[..., None], self.values[number], 0.0)
         return jnp.moveaxis(jnp.sum(values, -2), -1, 0)

@@ -17,7 +17,7 @@ from .projected_scene import Projected, boundary_shape
 from .visibility import Visibility
 from .visible_samples import BinnedScene, bin_scene, listed_words
 
-_SHORT_LIST = 1024
+_LEAST_MAX_LIST_LENGTH = 1024
 """Number of triangles in a tile's list that the boundary term can always hold, whatever the plan
 says. Its masks take one bit per triangle and sample, and thus at most 128 bytes per sample, as much
 as the colours of eight layers."""
@@ -46,7 +46,9 @@ def layer_boundary(
     count = scene.triangles.shape[0]
     shape = boundary_shape(plan.tiling, background.shape[0], plan.capacity_of(count))
     if not plan.lists_all:
-        shape = shape._replace(max_list_length=max(shape.max_list_length, min(count, _SHORT_LIST)))
+        shape = shape._replace(
+            max_list_length=max(shape.max_list_length, min(count, _LEAST_MAX_LIST_LENGTH))
+        )
     assert projected.outlines is not None
     colors = LayerColors.of(
         _given_colors(visible, values, layer_triangles, projected), is_straight=True

@@ -9,7 +9,7 @@ import numpy as np
 from ..planning.capacities import choose_capacity
 from ..planning.effects import Drawing
 from ..planning.list_counts import MOST_PAIRS, Counts
-from ..planning.size_classes import next_power, triangle_class
+from ..planning.size_classes import listed_triangle_class, triangle_class
 from ..planning.worst_case import limited, worst_case
 from ..scene import Scene
 from .coverage_mode import Growth, Layout, Listing
@@ -25,7 +25,7 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(count_triangles(drawing.scene) for drawing in drawings)
-    all_pairs = next_power(triangles) * tiling.count
+    all_pairs = listed_triangle_class(triangles) * tiling.count
     if growth.is_worst_case and all_pairs > MOST_PAIRS:
         raise ValueError(
             f"`capacity='worst_case'` lists {triangles:,} triangles for each of {tiling.count:,} "
@@ -43,7 +43,7 @@ def layout_of_all(triangles: int, listing: Listing) -> Layout:
     The number of triangles is rounded up to a power of two. Lists in `listing.unused` get no
     capacity.
     """
-    capacity = worst_case(next_power(triangles), listing.tiling)
+    capacity = worst_case(listed_triangle_class(triangles), listing.tiling)
     capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
     return Layout(capacity, listing.side, lists_all=True)
 

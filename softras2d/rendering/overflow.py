@@ -85,7 +85,7 @@ def overflow_message(outcome: Outcome, plan: Plan) -> str:
     return f"the scene outgrew its plan ({'; '.join(exceeded)}): {_REMEDIES}."
 
 
-def refuse_overflow(
+def raise_or_return_nan(
     image: Float[Array, "height width channels"], scene: Any, outcome: Outcome, plan: Plan
 ) -> Float[Array, "height width channels"]:
     """Return `image`; on overflow return NaN, or raise an error, as `plan.on_overflow` says.

@@ -17,7 +17,7 @@ from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
 from .coverage_mode import Drawn
 from .modes import mode_of
-from .overflow import Outcome, compare, raise_on_overflow, refuse_overflow
+from .overflow import Outcome, compare, raise_on_overflow, raise_or_return_nan
 
 
 def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
@@ -50,7 +50,7 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     if plan.cannot_be_outgrown:
         return image
     if isinstance(outcome.overflow, Tracer):
-        return refuse_overflow(image, scene, outcome, plan)
+        return raise_or_return_nan(image, scene, outcome, plan)
     raise_on_overflow(outcome, plan)
     return image
 

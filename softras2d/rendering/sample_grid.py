@@ -39,7 +39,7 @@ def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
     )
 
 
-def number_of(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:
+def buffer_index(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:
     """Index of each sample in a flattened buffer `[height, width, samples]`."""
     column, row = sample
     pixel = (row // grid.rate) * grid.width + column // grid.rate

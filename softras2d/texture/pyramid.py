@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..color import premultiply, srgb_to_linear
 from ..display.pyramid_text import pyramid_text
 from ..names import TextureAddressing, TextureBorder, check_name
-from ..numerics.byte_colors import check_whole_colors, warn_of_bytes
+from ..numerics.byte_colors import refuse_integer_bytes, warn_of_bytes
 from ..numerics.device import to_device, to_host
 
 
@@ -111,7 +111,7 @@ def _image(image: Any, index: int) -> Any:
     if not jnp.issubdtype(image.dtype, jnp.floating):
         if image.dtype.kind not in "biu":
             raise ValueError(f"texture {index} must hold floats in 0..1; got {image.dtype}.")
-        check_whole_colors(f"texture {index}", image)
+        refuse_integer_bytes(f"texture {index}", image)
         return image.astype(np.float32)
     # Half precision is not enough for the averages of the levels.
     return image if image.dtype in (np.float32, np.float64) else image.astype(np.float32)

@@ -17,7 +17,7 @@ from ..planning.capacities import choose_layers
 from ..planning.effects import Drawing
 from ..planning.list_counts import Counts
 from ..planning.plan import Plan
-from ..planning.size_classes import next_power
+from ..planning.size_classes import listed_triangle_class
 from ..rendering.analytic import AnalyticMode
 from ..rendering.coverage_mode import CoverageMode, Growth, Layout, Listing
 from ..rendering.layout import layout_for, layout_of_all
@@ -92,10 +92,10 @@ class TiledPlan:
 
     def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
         """Indices, in the planned scene, of the triangles of a window, in draw order."""
-        return self.lists.of(number)
+        return self.lists.triangles_of(number)
 
     def _class_of(self, number: int) -> int:
-        return piece_class(len(self.lists.of(number)) + (self.witness is not None))
+        return piece_class(len(self.lists.triangles_of(number)) + (self.witness is not None))
 
     def __repr__(self) -> str:
         cut, busiest = self.cut, int(np.diff(self.lists.starts).max(initial=0))
@@ -249,7 +249,7 @@ class _Windows(NamedTuple):
         window = self.cut.window(number)
         first_pixel = np.array([window.x, window.y], np.int32) - self.border
         return self.canvas._replace(
-            scene=take_piece(self.canvas.scene, self.lists.of(number)).scene,
+            scene=take_piece(self.canvas.scene, self.lists.triangles_of(number)).scene,
             grid=self.grid,
             origin=self.canvas.origin + first_pixel,
         )
@@ -294,7 +294,9 @@ def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> di
 
 def _lists_all(triangles: int, listing: Listing) -> bool:
     """Whether the default plan of the whole canvas lists every triangle for every tile."""
-    return next_power(triangles) * listing.tiling.count <= listing.headroom.list_all_slots
+    return (
+        listed_triangle_class(triangles) * listing.tiling.count <= listing.headroom.list_all_slots
+    )
 
 
 _NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), crossings=0)

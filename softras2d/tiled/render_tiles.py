@@ -47,17 +47,17 @@ def render_tiles(
     def draw(window: Window, device: Device) -> tuple[Any, Any]:
         piece = piece_of(host, plan, window.number)
         if piece is not None:
-            return render_checked(*placed(piece, plan, window.number, device))
+            return render_checked(*put_on_device(piece, plan, window.number, device))
         if not blank:
             # All windows without triangles have the same image.
-            empty = placed(blank_piece(host), plan, window.number, device)
+            empty = put_on_device(blank_piece(host), plan, window.number, device)
             blank.append(render_checked(*empty))
         return blank[0]
 
     chosen = plan.cut if windows is None else map(plan.cut.window, windows)
-    for window, (image, overflow) in in_turns(chosen, draw, devices):
+    for window, (image, overflow) in start_in_turns(chosen, draw, devices):
         if overflow:
-            raise outgrown(window)
+            raise outgrown_error(window)
         inside = slice(plan.border, None)
         yield window, np.asarray(image)[inside, inside][: window.height, : window.width]
 
@@ -75,12 +75,12 @@ def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
     return take_piece(host, triangle)
 
 
-def placed(piece: Piece, plan: TiledPlan, number: int, device: Device) -> Any:
+def put_on_device(piece: Piece, plan: TiledPlan, number: int, device: Device) -> Any:
     """Put the padded scene of a piece and the plan of its window on a device; returns both."""
     return jax.device_put((padded(piece), plan.plan_at(number)), device)
 
 
-def in_turns(
+def start_in_turns(
     windows: Iterable[Window],
     start: Callable[[Window, Device], T],
     devices: Devices | None,
@@ -101,7 +101,7 @@ def in_turns(
     yield from started
 
 
-def outgrown(window: Window) -> ValueError:
+def outgrown_error(window: Window) -> ValueError:
     """Make the error for a scene that outgrew the plan of a window."""
     return ValueError(
         f"the scene outgrew its plan in the window at x {window.x}, y {window.y}: call "

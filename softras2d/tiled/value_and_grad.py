@@ -14,7 +14,7 @@ from ..rendering.render import render_checked
 from ..scene import Scene
 from .pieces import Piece, blank_piece
 from .plan_tiles import TiledPlan, host_scene
-from .render_tiles import in_turns, outgrown, piece_of, placed
+from .render_tiles import outgrown_error, piece_of, put_on_device, start_in_turns
 from .windows import Window
 
 _OF_TRIANGLES = ("colors", "uv")
@@ -60,20 +60,22 @@ def tiled_value_and_grad(
     def value_and_grad(scene: Scene, plan: TiledPlan, *data: Any) -> tuple[float, Scene]:
         _check(plan, data)
         host = host_scene(scene, plan)
-        nothing = blank_piece(host)
+        blank = blank_piece(host)
 
         def start(window: Window, device: Device) -> tuple[Piece, Any]:
-            piece = piece_of(host, plan, window.number) or nothing
+            piece = piece_of(host, plan, window.number) or blank
             cut = tuple(np.asarray(array[window.rows, window.columns]) for array in data)
-            drawn, window_plan = placed(piece, plan, window.number, device)
+            drawn, window_plan = put_on_device(piece, plan, window.number, device)
             size = (window.height, window.width)
             arrays = jax.device_put(cut, device)
             return piece, of_window(drawn, window_plan, arrays, plan.border, size)
 
         total, sums = 0.0, _zeros(scene)
-        for window, (piece, (value, overflow, gradient)) in in_turns(plan.cut, start, devices):
+        for window, (piece, (value, overflow, gradient)) in start_in_turns(
+            plan.cut, start, devices
+        ):
             if overflow:
-                raise outgrown(window)
+                raise outgrown_error(window)
             total += float(value)
             _add(sums, piece, gradient)
         return total, _as_scene(scene, sums)

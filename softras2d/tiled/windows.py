@@ -82,7 +82,7 @@ class TriangleLists(NamedTuple):
     triangle: Int[np.ndarray, " pairs"]
     starts: Int[np.ndarray, " windows_and_one"]
 
-    def of(self, number: int) -> Int[np.ndarray, " triangles"]:
+    def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
         """Indices of the triangles of the window of this number."""
         return self.triangle[self.starts[number] : self.starts[number + 1]]
 

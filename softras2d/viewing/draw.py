@@ -27,7 +27,7 @@ T = TypeVar("T")
 _COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
-class Drawn(NamedTuple):
+class Picture(NamedTuple):
     """The picture of a view.
 
     - `rgba`: straight RGBA; alpha is 255 everywhere if the background is opaque.
@@ -48,7 +48,7 @@ class Artist:
         self._plans = ViewPlans()
         self._compiler = PlanCompiler()
 
-    def draw(self, scene: Scene, view: View, settings: Settings) -> Drawn:
+    def draw(self, scene: Scene, view: View, settings: Settings) -> Picture:
         """Draw a view.
 
         Raises `ValueError` for an invalid scene, and for a view that takes too much memory.
@@ -59,7 +59,7 @@ class Artist:
             rgba = np.asarray(_to_rgba(image))
         if compile_seconds and not self._compiler.is_busy():
             drop_programs()
-        return Drawn(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
+        return Picture(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
 
     def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
         """Compile a plan with headroom in another thread, if the canvas is large.

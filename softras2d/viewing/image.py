@@ -21,7 +21,7 @@ _KEPT_IMAGES = 2
 """Number of images that are kept in memory: the one that is shown, and one to compare with."""
 
 
-class KeptImages:
+class ImageCache:
     """Cache of the images that were read last, for all image files of a viewer."""
 
     def __init__(self):
@@ -101,12 +101,12 @@ class Image(Subject):
         return shown
 
 
-def image_file(path: Path, kept_images: KeptImages | None = None) -> Image:
+def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
     """A subject for an image file, which is read when it is shown, and again when it changes.
 
     - `kept_images`: cache of images, which all files of a viewer share; a new one by default.
     """
-    kept = KeptImages() if kept_images is None else kept_images
+    kept = ImageCache() if kept_images is None else kept_images
 
     def version_of() -> int:
         try:

@@ -57,23 +57,24 @@ def inspect_pixel(
     fixed-point grid of the whole canvas. Its samples equal the samples of the canvas, except within
     two grid units of an edge that is cut at the guard band.
     """
-    half = LENS // 2
+    center = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
     bits = _grid_bits(view, settings)
     is_sampled = settings.coverage == "sampled"
     if is_sampled:
         layers, rate, is_complete = _sample_layers(artist, nearby_scene, window, settings, bits)
         colors = composite_samples(layers, np.asarray(scene.background, np.float64))
-        value = unpremultiply(premultiply(colors[half, half]).mean(axis=0))
+        value = unpremultiply(premultiply(colors[center, center]).mean(axis=0))
         if settings.shading == "pixel" or not is_complete:
             # The mean of these samples is not the pixel's value, so the pixel is rendered. In all
             # other cases, the mean saves compiling a program.
-            value = np.asarray(artist.render(nearby_scene, window, settings, bits)[0])[half, half]
+            image = artist.render(nearby_scene, window, settings, bits)[0]
+            value = np.asarray(image)[center, center]
     else:
         # Drawn first, so that the plan is large enough for the layers too.
         colors = np.asarray(artist.render(nearby_scene, window, settings)[0])[:, :, None]
         layers = on_host(artist.with_plan(find_layers, nearby_scene, window, settings)[0])
-        value, rate = colors[half, half, 0], 1
+        value, rate = colors[center, center, 0], 1
     facts = {
         "column": column,
         "row": row,
@@ -83,14 +84,14 @@ def inspect_pixel(
         "samples": [
             {"triangle": _name(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
-                layers.triangle[half, half, :, 0].tolist(), colors[half, half], strict=True
+                layers.triangle[center, center, :, 0].tolist(), colors[center, center], strict=True
             )
         ]
         if is_sampled
         else [],
-        "layers": list_layers(layers, index, half),
+        "layers": list_layers(layers, index, center),
         "most_layers": layers.triangle.shape[3],
-        "edges": _edges(nearby_scene, index, layers, window, half),
+        "edges": _edges(nearby_scene, index, layers, window, center),
     }
     return PixelReport(facts, _in_rows(_as_rgba(colors), rate))
 
@@ -171,17 +172,17 @@ def composite_samples(
 
 
 def list_layers(
-    layers: WindowLayers, index: Int[np.ndarray, " triangles"], half: int
+    layers: WindowLayers, index: Int[np.ndarray, " triangles"], center: int
 ) -> list[dict[str, Any]]:
     """List the triangles of the inspected pixel, nearest first, for JSON.
 
     - `index`: for each triangle of `layers`, its index in the whole scene.
-    - `half`: row and column of the inspected pixel in the lens.
+    - `center`: row and column of the inspected pixel in the lens.
 
     Weights, colour, depth, uv and level are means over the samples that the triangle covers.
     """
     pixel_arrays: dict[str, np.ndarray] = {
-        name: np.asarray(value)[half, half]
+        name: np.asarray(value)[center, center]
         for name, value in layers._asdict().items()
         if value is not None
     }
@@ -233,13 +234,13 @@ def _edges(
     index: Int[np.ndarray, " triangles"],
     layers: WindowLayers,
     window: View,
-    half: int,
+    center: int,
 ) -> list[dict[str, Any]]:
     """List the corners of the triangles that cover the inspected pixel, for JSON.
 
-    Corners are in pixels of the window. `half` is row and column of the pixel in the lens.
+    Corners are in pixels of the window. `center` is row and column of the pixel in the lens.
     """
-    named = np.unique(np.asarray(layers.triangle)[half, half])
+    named = np.unique(np.asarray(layers.triangle)[center, center])
     positions = np.asarray(scene.positions, np.float64) - [window.x, window.y]
     corners = positions[np.asarray(scene.triangles)]
     return [

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..fitting.result import FitResult
-from .image import KeptImages, image_file
+from .image import ImageCache, image_file
 from .scene_file import ReadOptions, SceneFile
 from .scene_in_memory import SceneInMemory
 from .subject import FitState, Subject
@@ -15,7 +15,7 @@ def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
 
     Drawings and images are read when they are shown, and again whenever they change.
     """
-    kept_images = KeptImages()
+    kept_images = ImageCache()
     return [_open(path, options, kept_images) for path in paths]
 
 
@@ -25,7 +25,7 @@ def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory
     return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 
 
-def _open(path: Path, options: ReadOptions, kept_images: KeptImages) -> Subject:
+def _open(path: Path, options: ReadOptions, kept_images: ImageCache) -> Subject:
     suffix = path.suffix.lower()
     if suffix in (".svg", ".svgz"):
         return SceneFile(path, options)

@@ -12,7 +12,7 @@ from ..names import SvgDialect
 from ..options import Filter, Hard
 from ..scene import Scene
 from .settings import Settings
-from .subject import EnlargedScenes, Subject
+from .subject import SceneCache, Subject
 from .view import View, enlarged_size
 
 
@@ -58,7 +58,7 @@ class SceneFile(Subject):
         self._path = path
         self._text = text
         self._options = options
-        self._scenes = EnlargedScenes()
+        self._scenes = SceneCache()
         self._size: tuple[int, tuple[int, int]] | None = None
         self._notes: tuple[str, ...] = ()
 

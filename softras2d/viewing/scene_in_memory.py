@@ -8,7 +8,7 @@ import numpy as np
 from ..numerics.device import to_device
 from ..scene import Scene
 from .settings import Settings
-from .subject import EnlargedScenes, FitState, Subject
+from .subject import FitState, SceneCache, Subject
 from .view import View, enlarged_size
 
 _MAX_DEFAULT_SIDE = 4096
@@ -39,7 +39,7 @@ class SceneInMemory(Subject):
         self._fit = fit
         self._source = source
         self._version = 1
-        self._scenes = EnlargedScenes()
+        self._scenes = SceneCache()
 
     @property
     def version(self) -> int:

@@ -77,7 +77,7 @@ class Subject(abc.ABC):
         return None
 
 
-class EnlargedScenes:
+class SceneCache:
     """Cache of the last few scenes of a subject, by version and size in pixels."""
 
     def __init__(self):

@@ -15,13 +15,13 @@ class _Job(NamedTuple):
     """A request whose replies are still to be computed.
 
     - `urgency`: rank of the request; the least is answered first.
-    - `number`: sequence number; of requests of equal rank, the oldest is answered first.
+    - `sequence_number`: of requests of equal rank, the one with the least is answered first.
     - `replies`: computes the next reply when it is advanced.
     - `deliver`: called with each reply.
     """
 
     urgency: int
-    number: int
+    sequence_number: int
     replies: Iterator[Reply]
     deliver: Callable[[Reply], None]
 

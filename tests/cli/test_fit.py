@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import softras2d as sr
 from softras2d.cli import app
-from softras2d.cli.fit_words import in_options
+from softras2d.cli.fit_errors import in_options
 from softras2d.io.images import read_image, write_image
 
 from ..cases.pictures import blobs

@@ -95,9 +95,11 @@ def test_profiles_are_symmetric_steps_of_one_width(name, float64):
     plain = jax.vmap(jax.grad(lambda q: profiles.step(name, q)))(dense)
     inside = np.abs(dense) < 0.999 * support
     np.testing.assert_allclose(
-        np.asarray(profiles.slope(name, dense))[inside], np.asarray(plain)[inside], atol=1e-9
+        np.asarray(profiles.profile_derivative(name, dense))[inside],
+        np.asarray(plain)[inside],
+        atol=1e-9,
     )
-    assert float(profiles.slope(name, q)[-1]) == 0.0
+    assert float(profiles.profile_derivative(name, q)[-1]) == 0.0
 
 
 SHAPES = {

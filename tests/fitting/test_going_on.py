@@ -232,10 +232,10 @@ class TestBudget:
         monkeypatch.setattr(budget.time, "perf_counter", lambda: now[0])
         return now
 
-    def budget(self, scoring):
+    def budget(self, end_seconds):
         known = Future()
-        if scoring is not None:
-            known.set_result(scoring)
+        if end_seconds is not None:
+            known.set_result(end_seconds)
         return Budget(Limits(100.0, None, 130.0), known, 0.0)
 
     def test_time_for_scoring_is_reserved(self, clock):

@@ -41,7 +41,7 @@ def test_areas_and_edges_of_a_square_by_hand():
     np.testing.assert_array_equal(signed_areas(mesh.positions, mesh.triangles), [4, 6, 4, 2])
     np.testing.assert_array_equal(mesh.free_x, [False] * 4 + [True])
     edges = find_edges(mesh.triangles)
-    assert len(edges.ends) == 8 and (edges.sides[:, 1] < 0).sum() == 4
+    assert len(edges.ends) == 8 and (edges.triangles[:, 1] < 0).sum() == 4
     for ends, sides, apexes, starts in zip(*edges, strict=True):
         for side, apex, start, (a, b) in zip(
             sides, apexes, starts, (ends, ends[::-1]), strict=True

@@ -55,10 +55,12 @@ def test_few_far_triangles_are_cut_like_all(far):
     for index in rng.permutation(40)[:far]:
         corners[index] = 3 * far_corners(rng, on)
     triangles = np.arange(120, dtype=np.int32).reshape(40, 3)
-    arrays = corners.reshape(-1, 2), triangles, np.zeros(2, np.int32)
+    positions, origin = corners.reshape(-1, 2), np.zeros(2, np.int32)
     grid = Grid.for_canvas(on.height, on.width, on.rate)
-    on_host = project(*arrays, grid, "inclusive", cut=True)
-    on_device = project(*map(jnp.asarray, arrays), grid, "inclusive", cut=True)
+    on_host, on_device = (
+        project(as_array(positions), as_array(triangles), as_array(origin), grid, "inclusive", cut=True)
+        for as_array in (np.asarray, jnp.asarray)
+    )
     assert on_host.is_far.sum() >= far / 2
     for name in ("segments", "edges", "bounds", "is_far"):
         for one, other in zip(

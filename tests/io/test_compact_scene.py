@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import softras2d as sr
-from softras2d.io.compact_scene import _integers, _planes
+from softras2d.io.compact_scene import _decode_integers, _encode_integers
 
 
 def soup(corners: int = 1, channels: int = 3) -> sr.Scene:
@@ -46,7 +46,7 @@ def test_what_is_read_is_the_rounded_scene(tmp_path, scene, steps):
 @given(st.lists(st.integers(-(2**30) + 1, 2**30 - 1)))
 def test_integers_survive_their_planes(integers):
     array = np.array(integers, np.int64)
-    np.testing.assert_array_equal(_integers(_planes(array)), array)
+    np.testing.assert_array_equal(_decode_integers(_encode_integers(array)), array)
 
 
 @pytest.mark.parametrize("cut", [0, 5, 20, 40, -1])

@@ -7,7 +7,7 @@ import pytest
 
 import softras2d as sr
 from softras2d.planning.effects import EFFECTS
-from softras2d.rendering.cost import price_effects, without
+from softras2d.rendering.cost import price_effects, without_effect
 
 
 def _scene() -> sr.Scene:
@@ -45,7 +45,7 @@ def test_without_removes_that_effect_alone(effect):
     scene = _scene()
     plan = _plan(scene)
     assert set(plan.effects) == set(EFFECTS) - set(ANALYTIC)
-    _, reduced = without(scene, plan, effect)
+    _, reduced = without_effect(scene, plan, effect)
     removed = set(plan.effects) - set(reduced.effects)
     # Without textures there are no levels to choose from.
     of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
@@ -60,7 +60,7 @@ def test_without_removes_that_effect_alone(effect):
 def test_without_analytic_coverage_is_one_hard_sample(effect):
     scene = replace(_scene(), depth=None)
     plan = sr.plan(scene, height=9, width=9, coverage=ANALYTIC[effect])
-    _, reduced = without(scene, plan, effect)
+    _, reduced = without_effect(scene, plan, effect)
     assert reduced.coverage.rate == 1
     assert set(plan.effects) - set(reduced.effects) == {effect}
 
@@ -68,7 +68,7 @@ def test_without_analytic_coverage_is_one_hard_sample(effect):
 def test_an_unknown_effect_is_refused():
     scene = _scene()
     with pytest.raises(ValueError, match="glow"):
-        without(scene, _plan(scene), "glow")
+        without_effect(scene, _plan(scene), "glow")
 
 
 @pytest.mark.slow

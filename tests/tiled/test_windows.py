@@ -29,7 +29,7 @@ def test_lists_equal_a_loop_over_windows_and_triangles():
             if max(x0, 0) < window.x + 32 and x1 >= window.x
             if max(y0, 0) < window.y + 32 and y1 >= window.y
         ]
-        np.testing.assert_array_equal(lists.of(window.number), expected)
+        np.testing.assert_array_equal(lists.triangles_of(window.number), expected)
 
 
 def test_windows_tile_the_canvas():

@@ -15,7 +15,7 @@ from ...color import premultiply
 from ...numerics.device import to_device
 from ...options import Soft
 from ...planning.plan import Plan
-from ...planning.size_classes import fine_class
+from ...planning.size_classes import unknowns_class
 from ...rendering.planner import plan
 from ...scene import Scene
 from .. import choices
@@ -23,8 +23,8 @@ from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
 from ..frozen import freeze, with_frozen
 from ..palette import (
+    LEAST_CHANGE,
     PALETTE_START,
-    VISIBLE,
     Palette,
     best_background,
     in_palette,
@@ -76,7 +76,7 @@ class LayersFit(AbstractFit):
         self._translucent: bool = settings["translucent"]
         self._softness: tuple[float, float] = settings["softness"]
         state = request.resume_state
-        self.length = fine_class(self.max_triangles)
+        self.length = unknowns_class(self.max_triangles)
         if state is not None:
             self.length = saved.length_of(state)
         # The triangles of a resumed fit come from its state, in `restore_family_state`; here only
@@ -366,12 +366,12 @@ class LayersFit(AbstractFit):
         """Set the background to the colour that `palette.best_background` computes.
 
         Losses with different backgrounds are not comparable, so a change forgets the best so far. A
-        change below `palette.VISIBLE` is not made.
+        change below `palette.LEAST_CHANGE` is not made.
         """
         y, target = self._with_frozen_values(self.progress.y), self.request.target.premultiplied()
         data = self.data._replace(frozen=None)
         background = best_background(self.residual, y, data, target)
-        if np.abs(background - self._background).max() < VISIBLE:
+        if np.abs(background - self._background).max() < LEAST_CHANGE:
             return
         self._background = background
         self.data = self.data._replace(background=to_device(background))
@@ -383,13 +383,13 @@ class LayersFit(AbstractFit):
         The palette is improved too, unless the user gave it, and the background gets one of its
         colours if `has_palette_background`. Losses with different frozen colours are not
         comparable, so a change forgets the best so far. After the first call, changes of the
-        colours and the palette that hardly lower the error are not made (`palette`).
+        colours and the palette below `palette.LEAST_CHANGE` are not made.
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(
             self.residual, y, self.data._replace(frozen=None), self.request.target.premultiplied(),
-            palette, is_free=self.request.finds_palette,
-            has_background=has_palette_background(self.request, self._background),
+            palette, improves_palette=self.request.finds_palette,
+            quantizes_background=has_palette_background(self.request, self._background),
         )  # fmt: skip
         if self._is_quantized and quantized.is_close(np.asarray(y.colors), palette):
             return

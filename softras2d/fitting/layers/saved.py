@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ...planning.size_classes import fine_class
+from ...planning.size_classes import unknowns_class
 from ..entries import TINY, Entries, Size, read_json
 from ..trees import fill_tree, tree_arrays
 from .unknowns import LayersUnknowns
@@ -74,7 +74,7 @@ def check_layers_state(
     count = settings["triangles"]
     # In early files the arrays have this length; in later ones it is rounded up to a size class.
     if entries.length("solve.0") != count:
-        count = fine_class(count)
+        count = unknowns_class(count)
     shapes: list[tuple[int, ...]] = [(count, 3, 2), (count, corners, 3)]
     shapes += [(count,)] if settings["translucent"] else []
     entries.finite("beyond", np.float64, (), low=0.0)

@@ -41,13 +41,13 @@ class Moments(NamedTuple):
     the weight of the pixel's error.
 
     - `matrix`: sums of e w w^T.
-    - `rhs`: sums of e w t^T, the right-hand side of the normal equations.
-    - `square`: sums of e t^2, over all channels.
+    - `weighted_target`: sums of e w t^T, the right-hand side of the normal equations.
+    - `target_square`: sums of e t^2, over all channels.
     """
 
     matrix: Float[np.ndarray, "triangles 3 3"]
-    rhs: Float[np.ndarray, "triangles 3 channels"]
-    square: Float[np.ndarray, " triangles"]
+    weighted_target: Float[np.ndarray, "triangles 3 channels"]
+    target_square: Float[np.ndarray, " triangles"]
 
 
 def color_moments(
@@ -66,10 +66,12 @@ def color_moments(
     for i in range(3):
         for j in range(i + 1):
             matrix[:, i, j] = matrix[:, j, i] = pairs.sum_by_triangle(scaled[i] * w[j])
-    rhs = np.stack([pairs.sum_by_triangle(row * values) for row in scaled])
+    weighted_target = np.stack([pairs.sum_by_triangle(row * values) for row in scaled])
     squares = (values * values).sum(0)
-    square = pairs.sum_by_triangle(squares if error_weights is None else squares * error_weights)
-    return Moments(matrix, rhs.transpose(2, 0, 1), square)
+    target_square = pairs.sum_by_triangle(
+        squares if error_weights is None else squares * error_weights
+    )
+    return Moments(matrix, weighted_target.transpose(2, 0, 1), target_square)
 
 
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
@@ -106,11 +108,14 @@ def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorM
     """
     if model == "vertex":
         guess = _pixels_at(image, mesh.positions)
-        rhs = _sum_by_vertex(mesh.triangles, moments.rhs, len(mesh.positions)) + RIDGE * guess
+        rhs = (
+            _sum_by_vertex(mesh.triangles, moments.weighted_target, len(mesh.positions))
+            + RIDGE * guess
+        )
         return splu(normal_matrix(mesh, moments), permc_spec="MMD_AT_PLUS_A").solve(rhs)
     guess = _pixels_at(image, mesh.positions[mesh.triangles].mean(1))
     # The weights of a pixel sum to 1, so sums over corners are the moments of a flat triangle.
-    total = moments.rhs.sum(1) + RIDGE * guess
+    total = moments.weighted_target.sum(1) + RIDGE * guess
     mean = total / (moments.matrix.sum((1, 2)) + RIDGE)[:, None]
     return mean if model == "triangle" else solve_planes(moments, mean)
 
@@ -124,7 +129,7 @@ def solve_planes(
     colours open.
     """
     matrix = moments.matrix + RIDGE * np.eye(3)
-    return np.linalg.solve(matrix, moments.rhs + RIDGE * mean[:, None])
+    return np.linalg.solve(matrix, moments.weighted_target + RIDGE * mean[:, None])
 
 
 def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:

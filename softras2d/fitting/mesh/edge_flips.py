@@ -34,7 +34,9 @@ def flip_to_delaunay(mesh: Mesh) -> Mesh:
         chosen = np.flatnonzero(excess > 1e-9)
         if not len(chosen):
             return mesh
-        chosen = chosen[greedy_disjoint(excess[chosen], edges.sides[chosen], len(mesh.triangles))]
+        chosen = chosen[
+            greedy_disjoint(excess[chosen], edges.triangles[chosen], len(mesh.triangles))
+        ]
         mesh = flip(mesh, edges, chosen)
     return mesh
 
@@ -63,7 +65,9 @@ def flip_edges(
         chosen = np.flatnonzero(gains > _RELATIVE_GAIN * evaluation.error.mean())
         if not len(chosen):
             return mesh
-        chosen = chosen[greedy_disjoint(gains[chosen], edges.sides[chosen], len(mesh.triangles))]
+        chosen = chosen[
+            greedy_disjoint(gains[chosen], edges.triangles[chosen], len(mesh.triangles))
+        ]
         mesh = flip(mesh, edges, chosen)
     return mesh
 
@@ -74,7 +78,7 @@ def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
     The area is in square pixels. A triangle that would be flipped has a negative area.
     """
     edges = find_edges(mesh.triangles)
-    edges = Edges(*(field[edges.sides[:, 1] >= 0] for field in edges))
+    edges = Edges(*(field[edges.triangles[:, 1] >= 0] for field in edges))
     positions = mesh.positions
     is_flippable = np.ones(len(edges.ends), bool)
     for flipped in _flipped_triangles(edges):
@@ -98,7 +102,7 @@ def flip(mesh: Mesh, edges: Edges, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
     """Flip the edges with the indices in `chosen`, no two of which may share a triangle."""
     triangles = mesh.triangles.copy()
     for side, flipped in enumerate(_flipped_triangles(edges)):
-        triangles[edges.sides[chosen, side]] = flipped[chosen]
+        triangles[edges.triangles[chosen, side]] = flipped[chosen]
     return mesh._replace(triangles=triangles)
 
 
@@ -127,7 +131,7 @@ def flip_gains(
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
     if evaluation.model == "vertex":
         return _vertex_color_gains(mesh, edges, evaluation, moments)
-    error_before = solved_error(evaluation.moments, evaluation.model)[edges.sides].sum(1)
+    error_before = solved_error(evaluation.moments, evaluation.model)[edges.triangles].sum(1)
     return error_before - solved_error(moments, evaluation.model).reshape(2, -1).sum(0)
 
 
@@ -153,7 +157,7 @@ def _vertex_color_gains(
     gradient = np.zeros((count, 4, channels))
     error_change = np.zeros(count)
     first_after, second_after = _flipped_triangles(edges)
-    first, second = edges.sides.T
+    first, second = edges.triangles.T
     number = np.arange(count)
     for sign, moments, index, triangles in (
         (-1, before.moments, first, mesh.triangles[first]),
@@ -161,19 +165,21 @@ def _vertex_color_gains(
         (1, moments_after, number, first_after),
         (1, moments_after, count + number, second_after),
     ):
-        slot = _slots_in_quad(triangles, quad)
-        matrix, rhs = moments.matrix[index], moments.rhs[index]
-        colors = np.take_along_axis(before.colors[quad], slot[..., None], 1)
-        change = matrix @ colors - rhs
-        error = moments.square[index] + (colors * (change - rhs)).sum((1, 2))
+        quad_corner = _corners_in_quad(triangles, quad)
+        matrix, weighted_target = moments.matrix[index], moments.weighted_target[index]
+        colors = np.take_along_axis(before.colors[quad], quad_corner[..., None], 1)
+        change = matrix @ colors - weighted_target
+        error = moments.target_square[index] + (colors * (change - weighted_target)).sum((1, 2))
         error_change += sign * error
-        gradient[number[:, None], slot] += sign * change
-        hessian[number[:, None, None], slot[:, :, None], slot[:, None]] += sign * matrix
+        gradient[number[:, None], quad_corner] += sign * change
+        hessian[number[:, None, None], quad_corner[:, :, None], quad_corner[:, None]] += (
+            sign * matrix
+        )
     step = np.linalg.solve(hessian, gradient)
     return (gradient * step).sum((1, 2)) - error_change
 
 
-def _slots_in_quad(
+def _corners_in_quad(
     triangles: Triangles, quad: Int[np.ndarray, "triangles 4"]
 ) -> Int[np.ndarray, "triangles 3"]:
     """For each corner of a triangle, its index 0..3 in the quad that contains the triangle."""

@@ -69,10 +69,10 @@ def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " tri
 
     For the model `"triangle"` that is one colour, and for any other model three corner colours.
     """
-    total, weight = moments.rhs.sum(1), moments.matrix.sum((1, 2))
+    total, weight = moments.weighted_target.sum(1), moments.matrix.sum((1, 2))
     mean = total / np.maximum(weight, 1e-12)[:, None]
     if model == "triangle":
-        return np.maximum(moments.square - (total * mean).sum(1), 0.0)
+        return np.maximum(moments.target_square - (total * mean).sum(1), 0.0)
     return np.maximum(error_of_colors(moments, solve_planes(moments, mean)), 0.0)
 
 
@@ -80,5 +80,5 @@ def error_of_colors(
     moments: Moments, corner_colors: CornerColors
 ) -> Float[np.ndarray, " triangles"]:
     """Squared error of each triangle with the given corner colours, summed over its pixels."""
-    product = corner_colors * (moments.matrix @ corner_colors - 2 * moments.rhs)
-    return moments.square + product.sum((1, 2))
+    product = corner_colors * (moments.matrix @ corner_colors - 2 * moments.weighted_target)
+    return moments.target_square + product.sum((1, 2))

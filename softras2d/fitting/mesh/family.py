@@ -380,12 +380,12 @@ class MeshFit(AbstractFit):
 
         The palette is improved too, unless the user gave it. Losses with different frozen colours
         are not comparable, so a change forgets the best so far. After the first call, changes of
-        the colours and the palette that hardly lower the error are not made (`palette`).
+        the colours and the palette below `palette.LEAST_CHANGE` are not made.
         """
         y = with_frozen(self.progress.y, self.data.frozen)
         quantized = quantize(
             self.residual, y, self.data._replace(frozen=None), self.request.target, palette,
-            is_free=self.request.finds_palette, has_background=False,
+            improves_palette=self.request.finds_palette, quantizes_background=False,
         )  # fmt: skip
         if self._is_quantized and quantized.is_close(np.asarray(y.colors), palette):
             return

@@ -39,7 +39,7 @@ def insert(
     splits = best_splits(mesh, evaluate(mesh, target, model), least_area=least_area)
     triangles = len(mesh.triangles)
     claims = np.concatenate(
-        [np.stack([np.arange(triangles), np.full(triangles, -1)], 1), splits.edges.sides]
+        [np.stack([np.arange(triangles), np.full(triangles, -1)], 1), splits.edges.triangles]
     )
     useful = np.flatnonzero(splits.gain > 0)
     chosen = useful[greedy_disjoint(splits.gain[useful], claims[useful], triangles)[:count]]
@@ -58,7 +58,7 @@ def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mes
     p = new_vertex[is_inner]
     pieces = [(a, b, p), (b, c, p), (c, a, p)]
     edge = chosen[~is_inner] - triangles
-    sides, (a, b) = splits.edges.sides[edge], splits.edges.ends[edge].T
+    sides, (a, b) = splits.edges.triangles[edge], splits.edges.ends[edge].T
     c, d = splits.edges.apexes[edge].T
     p, has_second = new_vertex[~is_inner], sides[:, 1] >= 0
     pieces += [(a, p, c), (p, b, c)]

@@ -106,7 +106,7 @@ def _best_on_edges(
 
     `areas`: area of each triangle, in square pixels.
     """
-    first, second = edges.sides.T
+    first, second = edges.triangles.T
     has_second = second >= 0
     smaller_area = np.minimum(areas[first], np.where(has_second, areas[second], np.inf))
     fractions = EDGE_FRACTIONS[evaluation.model]

@@ -53,14 +53,14 @@ class Edges(NamedTuple):
     and -1 in its place.
 
     - `ends`: the vertices a and b.
-    - `sides`: indices of the first and the second triangle.
+    - `triangles`: indices of the first and the second triangle.
     - `apexes`: the vertex opposite the edge in the first triangle (c) and in the second (d).
     - `starts`: the corner, 0, 1 or 2, at which the edge starts in each triangle: the corner at a in
       the first triangle, and the corner at b in the second.
     """
 
     ends: Int[np.ndarray, "edges 2"]
-    sides: Int[np.ndarray, "edges 2"]
+    triangles: Int[np.ndarray, "edges 2"]
     apexes: Int[np.ndarray, "edges 2"]
     starts: Int[np.ndarray, "edges 2"]
 
@@ -121,7 +121,7 @@ def find_edges(triangles: Triangles) -> Edges:
     apexes = [triangles[triangle[half], (corner[half] + 2) % 3] for half in (first, second)]
     return Edges(
         ends=np.stack([start[first], end[first]], 1),
-        sides=np.stack([triangle[first], np.where(has_second, triangle[second], -1)], 1),
+        triangles=np.stack([triangle[first], np.where(has_second, triangle[second], -1)], 1),
         apexes=np.stack([apexes[0], np.where(has_second, apexes[1], -1)], 1),
         starts=np.stack([corner[first], np.where(has_second, corner[second], -1)], 1),
     )
@@ -153,7 +153,7 @@ def check_tiling(mesh: Mesh) -> None:
     if on_side.all(1).sum() != 4:
         raise ValueError("the four corners of the canvas must be vertices.")
     edges = find_edges(triangles)
-    a, b = positions[edges.ends[edges.sides[:, 1] < 0]].transpose(1, 0, 2)
+    a, b = positions[edges.ends[edges.triangles[:, 1] < 0]].transpose(1, 0, 2)
     if not ((a == b) & ((a == 0) | (a == size))).any(1).all():
         raise ValueError("an edge inside the canvas has one triangle only.")
 

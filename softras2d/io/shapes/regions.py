@@ -46,7 +46,7 @@ def united(regions: Sequence[Any], budget: Budget) -> Any:
     """The union of one or more regions."""
     if len(regions) == 1:
         return regions[0]
-    _charge(budget, *regions, weight=_COSTLY)
+    _charge(budget, *regions, weight=_UNION_COST)
     return polygons_of(shapely.disjoint_subset_union_all(np.array(regions, object)))
 
 
@@ -55,7 +55,7 @@ def grown(region: Any, distance: float, budget: Budget) -> Any:
 
     The region must not be empty. Corners stay sharp, as with mitre joins of limit 2.
     """
-    _charge(budget, region, weight=2 * _COSTLY)
+    _charge(budget, region, weight=2 * _UNION_COST)
     # One polygon at a time: GEOS 3.14 takes 23 s for 33,000 dashes at once, and 1 s like this.
     polygons = shapely.get_parts(region)
     larger = shapely.buffer(polygons, distance, join_style="mitre", mitre_limit=2.0)
@@ -80,14 +80,14 @@ def polygons_of(geometry: Any) -> Any:
     return shapely.multipolygons(np.concatenate([shapely.get_parts(area) for area in areas]))
 
 
-_OPERATION = 128
+_OPERATION_COST = 128
 """Constant cost of an operation, in vertices: GEOS overlays so many in the same time."""
 
-_COSTLY = 4
+_UNION_COST = 4
 """Time per vertex of a union or of `grown`, relative to an intersection."""
 
 
 def _charge(budget: Budget, *regions: Any, weight: int = 1) -> None:
     """Charge an operation on these regions, whose cost per vertex is `weight`."""
     count = int(shapely.get_num_coordinates(np.array(regions, object)).sum())
-    budget.charge("overlays", _OPERATION + weight * count)
+    budget.charge("overlays", _OPERATION_COST + weight * count)

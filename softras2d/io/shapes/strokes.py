@@ -24,7 +24,7 @@ Circles of more than about 4000 pixels in radius exceed it, since `_sector_trian
 number of chords.
 """
 
-_ROUNDING = 1e-12
+_MAX_DROPPED_LENGTH = 1e-12
 """Length up to which segments are dropped, as a fraction of the outline's largest coordinate.
 
 Rounding can turn a segment of zero length into one as short as this. Its direction is arbitrary, so
@@ -63,10 +63,10 @@ def stroke(
     """Triangulate strokes; returns the triangles, and for each the index of its outline.
 
     Triangles are in the order of the outlines, and in user units. Segments of zero length are
-    dropped, and so are those that may be rounding errors (`_ROUNDING`). An outline whose segments
-    are all dropped draws a dot if its caps are round or square. Without a `budget`, one with the
-    usual limits is used. Raises `BudgetError`, with the index of the outline, if the triangles
-    exceed the budget.
+    dropped, and so are those that may be rounding errors (`_MAX_DROPPED_LENGTH`). An outline
+    whose segments are all dropped draws a dot if its caps are round or square. Without a `budget`,
+    one with the usual limits is used. Raises `BudgetError`, with the index of the outline, if the
+    triangles exceed the budget.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
@@ -211,7 +211,7 @@ _Triangles = tuple[Int[np.ndarray, " triangles"], Float[np.ndarray, "triangles 3
 
 
 def _segments(outlines: Sequence[Outline]) -> _Segments:
-    """Make the segments of all outlines, without those to be dropped (`_ROUNDING`)."""
+    """Make the segments of all outlines, without those to be dropped (`_MAX_DROPPED_LENGTH`)."""
     chains = [
         np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
         for line in outlines
@@ -222,7 +222,7 @@ def _segments(outlines: Sequence[Outline]) -> _Segments:
     lengths = np.hypot(step[:, 0], step[:, 1])
     largest = np.zeros(len(chains))
     np.maximum.at(largest, outline, np.abs(points).max(axis=1))
-    is_long = (lengths > _ROUNDING * largest[outline[:-1]]) | np.isinf(lengths)
+    is_long = (lengths > _MAX_DROPPED_LENGTH * largest[outline[:-1]]) | np.isinf(lengths)
     starts = np.flatnonzero((np.diff(outline) == 0) & is_long)
     direction = step[starts] / lengths[starts, None]
     smooth = np.zeros(len(points), bool)
@@ -249,10 +249,12 @@ def _joins(segments: _Segments, is_closed: np.ndarray, half_width: np.ndarray) -
     before, after = segments.direction[previous[is_joined]], segments.direction[is_joined]
     outline, position = segments.outline[is_joined], segments.start[is_joined]
     turn = np.arctan2(cross(before, after), (before * after).sum(axis=1))
-    # A positive turn goes towards `_left` of the direction, so the outer border is opposite.
+    # A positive turn goes towards the `_quarter_turn` of the direction, so the outer border is on
+    # the opposite side.
     offset = np.where(turn > 0, -half_width[outline], half_width[outline])[:, None]
     smooth = segments.smooth[is_joined]
-    joins = _Joins(outline, position, offset * _left(before), offset * _left(after), turn, smooth)
+    start_offset, end_offset = offset * _quarter_turn(before), offset * _quarter_turn(after)
+    joins = _Joins(outline, position, start_offset, end_offset, turn, smooth)
     return joins.take(turn != 0)
 
 
@@ -288,7 +290,7 @@ def _exceeds_limit(joins: _Joins, miterlimit: np.ndarray) -> np.ndarray:
 
 def _segment_quads(segments: _Segments, half_width: np.ndarray) -> _Triangles:
     a, b = segments.start, segments.end
-    side = half_width[segments.outline, None] * _left(segments.direction)
+    side = half_width[segments.outline, None] * _quarter_turn(segments.direction)
     return _quads(segments.outline, a + side, b + side, b - side, a - side)
 
 
@@ -318,8 +320,8 @@ def _clipped_miters(joins: _Joins, half_width: np.ndarray, miterlimit: np.ndarra
     along = (np.sign(joins.turn) * beyond / half)[:, None]
     corner = joins.position
     start, end = corner + joins.start_offset, corner + joins.end_offset
-    first = start + along * _left(joins.start_offset)
-    second = end - along * _left(joins.end_offset)
+    first = start + along * _quarter_turn(joins.start_offset)
+    second = end - along * _quarter_turn(joins.end_offset)
     fans = np.stack(
         [corner, start, first, corner, first, second, corner, second, end], axis=1
     ).reshape(-1, 3, 2)
@@ -328,7 +330,7 @@ def _clipped_miters(joins: _Joins, half_width: np.ndarray, miterlimit: np.ndarra
 
 def _square_caps(caps: _Caps, half_width: np.ndarray) -> _Triangles:
     near = caps.position
-    side = half_width[caps.outline, None] * _left(caps.outward)
+    side = half_width[caps.outline, None] * _quarter_turn(caps.outward)
     far = near + half_width[caps.outline, None] * caps.outward
     return _quads(caps.outline, near + side, far + side, far - side, near - side)
 
@@ -351,7 +353,7 @@ def _join_sectors(joins: _Joins, radius_px: np.ndarray) -> _Sectors:
 
 def _cap_sectors(caps: _Caps, half_width: np.ndarray, radius_px: np.ndarray) -> _Sectors:
     """Make the half circles of round caps, beyond the ends of outlines."""
-    start_offset = half_width[caps.outline, None] * _left(caps.outward)
+    start_offset = half_width[caps.outline, None] * _quarter_turn(caps.outward)
     turn = np.full(len(caps.outline), -np.pi)
     triangles = _sector_triangles(radius_px[caps.outline], turn)
     return _Sectors(caps.outline, caps.position, start_offset, turn, triangles)
@@ -394,6 +396,6 @@ def _rotate(
     return np.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
-def _left(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+def _quarter_turn(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     """Rotate directions by 90 degrees, from the x axis towards the y axis."""
     return np.stack([-directions[:, 1], directions[:, 0]], axis=-1)

@@ -27,9 +27,9 @@ class Placement(NamedTuple):
         if map3 is self.map3:
             # Most elements have no transform, and their scale takes a singular value decomposition.
             return self
-        return placed(map3, self.clip, self.sink)
+        return make_placement(map3, self.clip, self.sink)
 
-    def clips(self, points: np.ndarray, margin: float = 0.0) -> bool:
+    def may_clip(self, points: np.ndarray, margin: float = 0.0) -> bool:
         """Whether the clip may cut a shape with these vertices.
 
         - `points`: `[n, 2]`, vertices in pixels.
@@ -43,7 +43,7 @@ class Placement(NamedTuple):
         return not bool(shapely.covers(self.clip, shapely.box(*low, *high)))
 
 
-def placed(map3: np.ndarray, clip: Any, sink: Sink) -> Placement:
+def make_placement(map3: np.ndarray, clip: Any, sink: Sink) -> Placement:
     """The placement with this map, whose scale is computed. Raises `ValueError` if not finite."""
     if not np.isfinite(map3).all():
         raise ValueError("transform: the numbers are too large to be finite.")

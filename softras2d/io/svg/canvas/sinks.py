@@ -143,7 +143,7 @@ class Layer:
             _Call(
                 _bounds(np.concatenate(contours)),
                 lambda sink, opacity: sink.add_polygon(
-                    contours, _faded(color, opacity), evenodd, source
+                    contours, _with_opacity(color, opacity), evenodd, source
                 ),
                 lambda: [
                     Item(filled(contours, evenodd, self._budget), constant_paint(color), source)
@@ -161,7 +161,9 @@ class Layer:
         self._calls.append(
             _Call(
                 bounds,
-                lambda sink, opacity: sink.add_strokes(outlines, map3, _faded(color, opacity)),
+                lambda sink, opacity: sink.add_strokes(
+                    outlines, map3, _with_opacity(color, opacity)
+                ),
                 lambda: [Item(stroked(outlines, map3, self._budget), constant_paint(color))],
             )
         )
@@ -183,7 +185,7 @@ class Layer:
                 _bounds(textured.points),
                 lambda sink, opacity: sink.add_textured(
                     textured._replace(
-                        color=_faded(textured.color, opacity),
+                        color=_with_opacity(textured.color, opacity),
                         translucent=textured.translucent or opacity < 1,
                     )
                 ),
@@ -299,7 +301,7 @@ def textured_items(textured: Textured) -> list[Item]:
     return [Item(shapely.Polygon(points), paint)]
 
 
-def _faded(color: Rgba, opacity: float) -> Rgba:
+def _with_opacity(color: Rgba, opacity: float) -> Rgba:
     return (*color[:3], color[3] * opacity)
 
 

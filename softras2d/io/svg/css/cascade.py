@@ -95,13 +95,13 @@ class _Cost(NamedTuple):
     A selector consists of compounds, such as `rect.a`, with combinators between them.
 
     - `descendants`: number of descendant combinators, which leave a choice of ancestors.
-    - `tildes`: number of combinators `~`, which leave a choice of siblings.
+    - `sibling_combinators`: number of combinators `~`, which leave a choice of siblings.
     - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
     - `others_look_at_siblings`: whether a pseudo-class of another compound does.
     """
 
     descendants: int
-    tildes: int
+    sibling_combinators: int
     last_looks_at_siblings: bool
     others_look_at_siblings: bool
 
@@ -320,7 +320,7 @@ def _tests(cost: _Cost, depth: int, siblings: int) -> int:
     - `depth`: number of ancestors of the element.
     - `siblings`: number of siblings of the element and of all its ancestors together.
     """
-    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.tildes)
+    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.sibling_combinators)
     if cost.others_look_at_siblings:
         tests *= siblings
     return tests + siblings * cost.last_looks_at_siblings
@@ -362,7 +362,7 @@ def _selector_costs(prelude: list[Any]) -> list[_Cost] | None:
 def _selector_cost(tokens: list[Any]) -> _Cost | None:
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
-    descendants, tildes = _combinators(tokens)
+    descendants, sibling_combinators = _combinators(tokens)
     last_looks_at_siblings = others_look_at_siblings = False
     previous = None
     for token in tokens:
@@ -380,15 +380,18 @@ def _selector_cost(tokens: list[Any]) -> _Cost | None:
             last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
             if any(argument.type == "function" for argument in token.arguments):
                 return None
-            more_descendants, more_tildes = _combinators(token.arguments)
-            descendants, tildes = descendants + more_descendants, tildes + more_tildes
+            more_descendants, more_sibling_combinators = _combinators(token.arguments)
+            descendants, sibling_combinators = (
+                descendants + more_descendants,
+                sibling_combinators + more_sibling_combinators,
+            )
         previous = token.value if token.type == "literal" else None
-    return _Cost(descendants, tildes, last_looks_at_siblings, others_look_at_siblings)
+    return _Cost(descendants, sibling_combinators, last_looks_at_siblings, others_look_at_siblings)
 
 
 def _combinators(tokens: list[Any]) -> tuple[int, int]:
     """Number of descendant combinators, which are blanks between compounds, and number of `~`."""
-    descendants = tildes = 0
+    descendants = sibling_combinators = 0
     is_separated, is_after_compound = False, False
     for token in tokens:
         if token.type == "comment":
@@ -397,7 +400,7 @@ def _combinators(tokens: list[Any]) -> tuple[int, int]:
             is_separated = True
             continue
         is_combinator = token.type == "literal" and token.value in (">", "+", "~", ",")
-        tildes += is_combinator and token.value == "~"
+        sibling_combinators += is_combinator and token.value == "~"
         descendants += is_separated and is_after_compound and not is_combinator
         is_separated, is_after_compound = False, not is_combinator
-    return descendants, tildes
+    return descendants, sibling_combinators

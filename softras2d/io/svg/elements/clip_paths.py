@@ -17,7 +17,7 @@ from ..xml.tree import Element
 from .element_kinds import meets_conditions, report_animations
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
-from .user_space_bounds import bounds_of, transformed
+from .user_space_bounds import bounds_of, map_of_element
 from .view_box import Box
 
 _MAX_NESTING = 32
@@ -67,7 +67,7 @@ class ClipPaths:
                 return False
             if target.attrib.get("clipPathUnits", "").strip() == "objectBoundingBox":
                 return True
-            style = self._page.style_in_place(target)
+            style = self._page.style_in_document(target)
         return False
 
     def _declared_region(
@@ -117,8 +117,8 @@ class ClipPaths:
           are the sides of `box`.
         - `chain`: as in `_declared_region`, with `target` as its last entry.
         """
-        style, outer_map = self._page.style_in_place(target), map3
-        map3 = transformed(self._page, target, self._page.declared(target), style, map3)
+        style, outer_map = self._page.style_in_document(target), map3
+        map3 = map_of_element(self._page, target, self._page.declared(target), style, map3)
         if in_box and box is not None:
             map3 = map3 @ affine_maps.matrix(box.width, 0.0, 0.0, box.height, box.x, box.y)
         report_animations(self._page, target)
@@ -152,7 +152,7 @@ class ClipPaths:
         style = page.clip_child_style(child, parent, declared)
         if style.display == "none":
             return None
-        map3 = transformed(page, child, declared, style, map3)
+        map3 = map_of_element(page, child, declared, style, map3)
         # The elements whose `clip-path` clips the shape, with their styles and maps.
         clipped = [(child, style, map3)]
         shape = child
@@ -166,7 +166,7 @@ class ClipPaths:
             style = page.clip_child_style(shape, style, declared)
             if style.display == "none":
                 return None
-            map3 = transformed(page, shape, declared, style, map3)
+            map3 = map_of_element(page, shape, declared, style, map3)
             clipped.append((shape, style, map3))
         if shape.name == "text":
             page.not_drawn(NOT_DRAWN, shape)

@@ -62,7 +62,7 @@ def report_animations(page: Page, element: Element) -> None:
             page.not_drawn(NOT_DRAWN, child)
 
 
-def switched(element: Element) -> list[Element]:
+def drawn_children_of_switch(element: Element) -> list[Element]:
     """The child of a `switch` that is drawn, the first whose conditions hold, in a list.
 
     Returns an empty list if there is no such child.

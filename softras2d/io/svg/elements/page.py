@@ -119,7 +119,7 @@ class Page:
         """
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
-    def style_in_place(self, element: Element) -> Style:
+    def style_in_document(self, element: Element) -> Style:
         """The style of an element as it stands in the document, inherited from its ancestors there.
 
         It is for elements that are used by reference, such as gradient stops and clip paths, and

@@ -11,7 +11,7 @@ from ..css.cascade import Declarations
 from ..css.style import Style
 from ..values.units import Viewport
 from ..xml.tree import Element
-from .element_kinds import CONTAINERS, meets_conditions, switched
+from .element_kinds import CONTAINERS, drawn_children_of_switch, meets_conditions
 from .element_transform import element_transform
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
@@ -25,7 +25,7 @@ It is also the maximum depth of `use` elements whose targets contain `use` eleme
 """
 
 
-def transformed(
+def map_of_element(
     page: Page,
     element: Element,
     declared: Declarations,
@@ -49,13 +49,13 @@ def transformed(
 
 
 class _Visit(NamedTuple):
-    """An element whose bounds are needed for the bounding box of `root`, in `bounds_of`.
+    """An element whose bounds are needed for the bounding box of another, in `bounds_of`.
 
-    - `map3`: homogeneous map `[3, 3]` from its user units to the user units of `root`.
+    - `map3`: homogeneous map `[3, 3]` from its user units to the user units of that one.
     - `style`: its computed style.
     - `viewport`: sizes to which its lengths are relative.
     - `use`: the `use` whose target it is; None for an element that no `use` refers to.
-    - `uses`: number of `use` elements below `root` through which it is reached.
+    - `uses`: number of `use` elements through which it is reached from that one.
     """
 
     element: Element
@@ -67,13 +67,13 @@ class _Visit(NamedTuple):
 
 
 def bounds_of(
-    page: Page, root: Element, style: Style, use: Element | None = None, nesting: int = 0
+    page: Page, element: Element, style: Style, use: Element | None = None, nesting: int = 0
 ) -> Box | None:
     """The bounding box of an element's fills, without strokes, in the element's user units.
 
-    - `root`: the element, which may be a group.
+    - `element`: the element, which may be a group.
     - `style`: its computed style.
-    - `use`: the `use` that asks for an instance of `root`; None if it is drawn where it stands.
+    - `use`: the `use` that asks for an instance of `element`; None if it is drawn where it stands.
     - `nesting`: number of bounding boxes whose computation needs this one.
 
     Returns None for an element without points, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
@@ -86,7 +86,7 @@ def bounds_of(
         return None
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     viewport = page.viewport
-    pending = [_Visit(root, affine_maps.identity(), style, viewport, use, 0)]
+    pending = [_Visit(element, affine_maps.identity(), style, viewport, use, 0)]
     while pending:
         visit = pending.pop()
         page.viewport = visit.viewport
@@ -120,7 +120,7 @@ def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Vi
         uses, use_of_children = uses + 1, element
         children = [] if target is None or uses > _MAX_NESTING else [target]
     elif element.name == "switch":
-        children = switched(element)
+        children = drawn_children_of_switch(element)
     elif element.name in ("svg", "symbol") and element is not page.root:
         nested = nested_viewport(page, element, declared, style, use)
         if nested is None:
@@ -133,7 +133,7 @@ def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Vi
         declared = page.declared(child)
         child_style = page.displayed(child, style, declared)
         if child_style is not None:
-            child_map = transformed(
+            child_map = map_of_element(
                 page, child, declared, child_style, map3, use_of_children, nesting + 1
             )
             yield _Visit(child, child_map, child_style, viewport, use_of_children, uses)

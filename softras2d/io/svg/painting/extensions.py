@@ -65,7 +65,7 @@ def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: 
     if not ((colors[:, 3] >= 0) & (colors[:, 3] <= 1)).all():
         raise ValueError(f"colors: alpha must be in 0..1, got {attributes['colors']!r}.")
     colors[:, 3] = colors[:, 3] * opacity if page.context.opacity else 1.0
-    if placement.clips(corners):
+    if placement.may_clip(corners):
         _add_clipped(page, placement, triangle_items(corners, colors))
     else:
         placement.sink.add_triangle(corners, colors)
@@ -138,7 +138,7 @@ def _add_textured(
     alpha = opacity if page.context.opacity else 1.0
     translucent = alpha < 1 or page.context.assets.textures[texture].shape[-1] == 4
     textured = Textured(points, (1.0, 1.0, 1.0, alpha), uv, texture, translucent)
-    if placement.clips(points):
+    if placement.may_clip(points):
         _add_clipped(page, placement, textured_items(textured))
     else:
         placement.sink.add_textured(textured)

@@ -60,13 +60,13 @@ class Cone(NamedTuple):
     - `apex`: the point `[2]` at which the radius is zero.
     - `offset`: vector `[2]` from the apex to the center of the end circle.
     - `radius`: radius of the end circle.
-    - `start`: scale of the start circle, less than 1.
+    - `start_scale`: scale of the start circle, less than 1.
     """
 
     apex: np.ndarray
     offset: np.ndarray
     radius: float
-    start: float
+    start_scale: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
         """Vectors from the apex to points of the end circle, in order of their angle.
@@ -89,13 +89,14 @@ class Cone(NamedTuple):
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
         """The points `[rays, 2]` at which rays meet the circle of a position."""
-        return self.apex + (self.start + (1.0 - self.start) * position) * rays
+        return self.apex + (self.start_scale + (1.0 - self.start_scale) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
         """The position of the apex, and the position of a circle beyond all points."""
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
-        return -self.start / (1.0 - self.start), (scale - self.start) / (1.0 - self.start)
+        start = self.start_scale
+        return -start / (1.0 - start), (scale - start) / (1.0 - start)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
         """Upper bound on the radii of circles up to a position that may show."""
@@ -110,12 +111,12 @@ class Cone(NamedTuple):
 class Tube(NamedTuple):
     """Circles of the same radius, whose rays are parallel.
 
-    - `start`: center `[2]` of the start circle.
+    - `start_center`: center `[2]` of the start circle.
     - `axis`: vector `[2]` from there to the center of the end circle, not zero.
     - `radius`: radius of all circles.
     """
 
-    start: np.ndarray
+    start_center: np.ndarray
     axis: np.ndarray
     radius: float
 
@@ -126,12 +127,12 @@ class Tube(NamedTuple):
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
         """The points `[rays, 2]` at which rays meet the circle of a position."""
-        return self.start + position * self.axis + rays
+        return self.start_center + position * self.axis + rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
         """Positions of a half circle before all points, and of a half circle behind all points."""
         squared = float(self.axis @ self.axis)
-        along = (points - self.start) @ self.axis / squared
+        along = (points - self.start_center) @ self.axis / squared
         return float(along.min()), float(along.max()) + self.radius / math.sqrt(squared)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:

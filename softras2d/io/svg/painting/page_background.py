@@ -77,7 +77,7 @@ def becomes_background(
         and x1 >= context.width - tolerance
         and y1 >= context.height - tolerance
     )
-    if not covers or placement.clips(corners):
+    if not covers or placement.may_clip(corners):
         return False
     context.background = paint[:3]
     return True

@@ -133,7 +133,7 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
         except ValueError as error:
             report(INVALID, "gradientTransform", str(error))
             break
-        style, viewport = page.style_in_place(gradient), page.viewport
+        style, viewport = page.style_in_document(gradient), page.viewport
         box = Box(0.0, 0.0, 1.0, 1.0) if in_box else Box(0.0, 0.0, viewport.width, viewport.height)
         return about_origin(transform, style, Units(viewport, box, style.font_size), report)
     return affine_maps.identity()
@@ -162,7 +162,7 @@ def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
 
 def _stop(page: Page, element: Element) -> Stop:
     report_animations(page, element)
-    style = page.style_in_place(element)
+    style = page.style_in_document(element)
     color: Any = style.color if style.stop_color == CURRENT else style.stop_color
     offset = 0.0
     if (text := element.attrib.get("offset")) is not None:
@@ -214,7 +214,7 @@ class _Lengths:
         for gradient in self._chain:
             if (text := gradient.attrib.get(name)) is not None:
                 try:
-                    font_size = self._page.style_in_place(gradient).font_size
+                    font_size = self._page.style_in_document(gradient).font_size
                     return viewport.length(text, full, font_size)
                 except ValueError as error:
                     self._page.report(gradient)(INVALID, name, str(error))

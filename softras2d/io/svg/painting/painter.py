@@ -102,7 +102,7 @@ class Painter:
             is_from_attribute = "d" not in self._page.declared(element).css
             source_of_fill = FillSource(element, original, path, placement.map3, is_from_attribute)
             self.sources.append(source_of_fill)
-        clips = placement.clip is not None and placement.clips(np.concatenate(contours))
+        clips = placement.clip is not None and placement.may_clip(np.concatenate(contours))
         if not isinstance(fill, Gradient) and not clips:
             placement.sink.add_polygon(contours, fill, evenodd, source)
             return
@@ -129,7 +129,7 @@ class Painter:
             return
         reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
         corners = affine_maps.apply(map3, points)
-        if not isinstance(paint, Gradient) and not placement.clips(corners, reach):
+        if not isinstance(paint, Gradient) and not placement.may_clip(corners, reach):
             placement.sink.add_strokes(outlines, map3, paint)
             return
         region = stroked(outlines, map3, self._page.budget)
@@ -217,9 +217,9 @@ class Painter:
             pieces = linear_pieces(fill, bounds, self._page.budget)
         else:
             pieces = radial_pieces(fill, bounds, self._page.tolerance, self._page.budget)
-        placement.sink.add_items(self._cut(region, pieces, source))
+        placement.sink.add_items(self._intersect_with_pieces(region, pieces, source))
 
-    def _cut(self, region: Any, pieces: list, source: int) -> list[Item]:
+    def _intersect_with_pieces(self, region: Any, pieces: list, source: int) -> list[Item]:
         """Intersect a region with the pieces of a gradient that cover its bounding box.
 
         Pieces that are fully transparent are left out. `source` is as in `_add_region`.

@@ -164,7 +164,7 @@ def make_controls(
             source_of_draw[draw] = source
     source = np.repeat(source_of_draw[triangles.draw], 3)
     row = _matching_rows(vertices, source, sources)
-    controls, weights, linear, offset = _rows(sources, first)
+    controls, weights, linear, offset = _source_points(sources, first)
     is_matched = row >= 0
     # The last row stands for vertices without a match.
     is_controlled = np.append((controls >= 0).all(axis=1), False)[row]
@@ -225,7 +225,7 @@ def _controlled_paths(
     return paths
 
 
-def _rows(
+def _source_points(
     sources: list[FillSource], first: dict[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Describe the points of all flattened sources, one source after the other.
@@ -264,7 +264,7 @@ def _matching_rows(
     source: Int[np.ndarray, " vertices"],
     sources: list[FillSource],
 ) -> Int[np.ndarray, " vertices"]:
-    """For each vertex, the row in `_rows` of a point that equals it in float32, or -1.
+    """For each vertex, the row in `_source_points` of a point that equals it in float32, or -1.
 
     `vertices` are in pixels. `source` is the index of the source of each vertex, or -1; only points
     of that source are compared.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..canvas.placement import placed
+from ..canvas.placement import make_placement
 from ..canvas.sinks import Canvas, Layer, Sink
 from ..css.cascade import Declarations
 from ..css.style import INITIAL
@@ -21,16 +21,16 @@ from ..elements.element_kinds import (
     EXTENSIONS,
     NEVER_DRAWN,
     NOT_SUPPORTED,
+    drawn_children_of_switch,
     is_drawable,
     meets_conditions,
     report_animations,
-    switched,
 )
 from ..elements.inherited_state import InheritedState
 from ..elements.page import Page
 from ..elements.shape_elements import SHAPES, ElementLengths
 from ..elements.use_elements import instantiate
-from ..elements.user_space_bounds import bounds_of, transformed
+from ..elements.user_space_bounds import bounds_of, map_of_element
 from ..elements.view_box import Box
 from ..elements.viewports import nested_state, root_viewport
 from ..painting.extensions import draw_extension
@@ -118,12 +118,12 @@ class Drawing:
         root = root_viewport(page)
         self._root_box = root.box
         page.pixels_per_px, page.viewport = root.pixels_per_px, root.viewport
-        style = page.style_in_place(page.root)
+        style = page.style_in_document(page.root)
         viewport = root.viewport._replace(root_font_size=style.font_size)
         paint_root_background(page, style, self.canvas)
         if np.linalg.det(root.map3) == 0:
             return
-        placement = placed(root.map3, None, self.canvas)
+        placement = make_placement(root.map3, None, self.canvas)
         self._pending.append(_ElementStep(page.root, InheritedState(INITIAL, placement, viewport)))
 
     def _open(self, step: _ElementStep) -> None:
@@ -162,7 +162,7 @@ class Drawing:
         use = parent.use_of(element)
         map3 = parent.placement.map3
         if element is not self.root:
-            map3 = transformed(self._page, element, declared, style, map3, use)
+            map3 = map_of_element(self._page, element, declared, style, map3, use)
         opacity = style.opacity if self._context.opacity else 1.0
         is_singular = map3 is not parent.placement.map3 and np.linalg.det(map3) == 0
         if is_singular or opacity == 0:
@@ -224,7 +224,7 @@ class Drawing:
                 return
             state = nested
         elif element.name == "switch":
-            children = switched(element)
+            children = drawn_children_of_switch(element)
         self._pending += [_ElementStep(child, state) for child in reversed(children)]
 
     def _close(self, group: _GroupEnd) -> None:

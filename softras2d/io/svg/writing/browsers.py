@@ -73,11 +73,11 @@ def elements_for_browsers(
     """
     # The coordinates are rounded to about 1e-5 of the canvas: much less than a pixel, and short.
     decimals = max(1, 5 - len(str(max(height, width) - 1)))
-    coordinates = _decimals(corners, decimals)
+    coordinates = _decimal_texts(corners, decimals)
     is_opaque = (colors[..., 3:] == 1).all(axis=(1, 2))
     opaque = np.flatnonzero(is_opaque & (is_polygon | has_gradients))
     is_tiling = len(opaque) == len(corners) and tiles_canvas(corners, height, width)
-    mean_colors = _hex(colors[opaque].astype(np.float64).mean(axis=1))
+    mean_colors = _hex_colors(colors[opaque].astype(np.float64).mean(axis=1))
     seam_groups = seams(corners[opaque], coordinates[opaque], mean_colors)
     definitions, first, second = [], {}, {}
     shaded = np.flatnonzero(has_gradients)
@@ -120,9 +120,9 @@ def _first_paths(
 
     `coordinates` are `corners` as text, `[triangles, 3, 2]`. `gradients` has a row per triangle.
     """
-    fills = np.array(_hex(gradients.mean), object)
+    fills = np.array(_hex_colors(gradients.mean), object)
     is_gradient = gradients.first.is_valid
-    opacities = _decimals(gradients.mean[:, 3:], 3)
+    opacities = _decimal_texts(gradients.mean[:, 3:], 3)
     for row in np.flatnonzero(~is_gradient & (gradients.mean[:, 3:] < 1).any(axis=1)).tolist():
         fills[row] += f'" fill-opacity="{opacities[row, 0]}'
     rows = np.flatnonzero(is_gradient)
@@ -175,28 +175,28 @@ def _gradient_elements(
     """
     names = [f"{prefix}{row}" for row in rows.tolist()]
     ends = np.concatenate([lines.start[rows], lines.end[rows]], axis=1)
-    return list(map(_GRADIENT.format, names, *_decimals(ends, decimals).T, stops))
+    return list(map(_GRADIENT.format, names, *_decimal_texts(ends, decimals).T, stops))
 
 
 def _stop_attributes(colors: Float[np.ndarray, "stops channels"]) -> list[str]:
     """For each colour of 3 or 4 channels, the attributes of a `<stop>` as text."""
-    paints = [f'stop-color="{color}"' for color in _hex(colors)]
+    paints = [f'stop-color="{color}"' for color in _hex_colors(colors)]
     if colors.shape[1] == 3:
         return paints
-    opacities = _decimals(colors[:, 3], 3).tolist()
+    opacities = _decimal_texts(colors[:, 3], 3).tolist()
     return [
         paint if opacity == "1" else f'{paint} stop-opacity="{opacity}"'
         for paint, opacity in zip(paints, opacities, strict=True)
     ]
 
 
-def _hex(colors: Float[np.ndarray, "colors channels"]) -> list[str]:
+def _hex_colors(colors: Float[np.ndarray, "colors channels"]) -> list[str]:
     """Each colour, clipped to 0..1 and rounded to 8 bits, as `#rrggbb`. Alpha is left out."""
     levels = np.rint(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.int64)
     return [f"#{code:06x}" for code in (levels @ np.array([65536, 256, 1])).tolist()]
 
 
-def _decimals(values: Float[np.ndarray, "*shape"], decimals: int) -> np.ndarray:
+def _decimal_texts(values: Float[np.ndarray, "*shape"], decimals: int) -> np.ndarray:
     """Round numbers to `decimals` decimals; returns an array of strings of the same shape.
 
     Whole numbers have no decimal point.
