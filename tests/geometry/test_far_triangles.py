@@ -58,7 +58,9 @@ def test_few_far_triangles_are_cut_like_all(far):
     positions, origin = corners.reshape(-1, 2), np.zeros(2, np.int32)
     grid = Grid.for_canvas(on.height, on.width, on.rate)
     on_host, on_device = (
-        project(as_array(positions), as_array(triangles), as_array(origin), grid, "inclusive", cut=True)
+        project(
+            as_array(positions), as_array(triangles), as_array(origin), grid, "inclusive", cut=True
+        )
         for as_array in (np.asarray, jnp.asarray)
     )
     assert on_host.is_far.sum() >= far / 2

@@ -147,7 +147,7 @@ def test_a_style_sheet_of_another_file_is_named():
 @pytest.mark.parametrize(
     "options, told",
     [
-        ({"fit": "cover", "dialect": "course"}, "`fit` is of dialect 'svg'"),
+        ({"fit": "cover", "dialect": "course"}, "`fit` applies to dialect 'svg' only"),
         ({"fit": "cover", "transform": np.eye(3)}, "give `fit` or `transform`, not both"),
         ({"height": 10.5}, "whole numbers of pixels"),
         ({"tolerance": 1e9}, "`tolerance` must be"),
