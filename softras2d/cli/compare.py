@@ -109,7 +109,7 @@ def _exact_image(
 
     If all values of `image` are levels of 8 bits, the result is rounded to such levels too.
     """
-    from ..io.images import round_to_levels
+    from ..io.pixel_values import round_to_levels
     from .render_steps import make_plan, read_scene, render_image
 
     height, width, _ = image.shape

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from ..color import premultiply
-from ..io.images import as_pixels
+from ..io.pixel_values import as_pixels
 
 
 def comparable_pixels(

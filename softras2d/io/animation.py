@@ -14,9 +14,9 @@ from jaxtyping import UInt8
 
 from . import gif
 from .drafts import atomic_file
-from .images import as_pixels, to_bytes
 from .outputs import check_writable_path
 from .palette import quantized
+from .pixel_values import as_pixels, to_bytes
 
 ANIMATED = (".gif",)
 """Suffixes that `write_animation` accepts."""

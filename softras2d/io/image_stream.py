@@ -6,15 +6,10 @@ from types import TracebackType
 
 import numpy as np
 
-from .images import (
-    as_pixels,
-    check_free_space,
-    close_output,
-    image_spec,
-    open_output,
-    stored_pixels,
-)
+from .image_outputs import check_free_space, close_output, image_spec, open_output
+from .images import stored_pixels
 from .outputs import check_writable_path
+from .pixel_values import as_pixels
 
 STREAMABLE = (".png", ".exr", ".tif", ".tiff")
 """Suffixes of files that can be written window by window."""

@@ -14,7 +14,6 @@ written and read with `linear=True`, every float32 is bitwise equal.
 """
 
 import os
-import shutil
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -24,13 +23,15 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 
 from ..color import linear_to_srgb, premultiply, srgb_to_linear, unpremultiply
 from .budget import BudgetError
 from .drafts import atomic_file
 from .image_errors import reason_text, unreadable_message
+from .image_outputs import check_free_space, close_output, image_spec, open_output
 from .outputs import WRITABLE, check_writable_path
+from .pixel_values import as_pixels, check_finite, on_colors, to_bytes
 
 MAX_IMAGE_BYTES = 2**30
 """Maximum size of an image as float32, in bytes: 89 million RGB or 67 million RGBA pixels.
@@ -143,31 +144,15 @@ def stored_pixels(path: Path, pixels: np.ndarray, *, linear: bool, truncate: boo
     names `path` for an EXR whose values would not be finite in float32.
     """
     if path.suffix.lower() != ".exr":
-        pixels = _on_colors(linear_to_srgb, pixels) if linear else pixels
+        pixels = on_colors(linear_to_srgb, pixels) if linear else pixels
         return to_bytes(pixels, truncate=truncate)
-    pixels = pixels if linear else _on_colors(srgb_to_linear, pixels)
+    pixels = pixels if linear else on_colors(srgb_to_linear, pixels)
     # Finite values in sRGB may overflow float32 in linear light.
-    _check_finite(str(path), pixels)
+    check_finite(str(path), pixels)
     with np.errstate(over="ignore"):
         pixels = premultiply(pixels)
-    _check_finite(str(path), pixels)
+    check_finite(str(path), pixels)
     return pixels
-
-
-def to_bytes(
-    pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
-) -> UInt8[np.ndarray, "*shape"]:
-    """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer.
-
-    `truncate` rounds down instead.
-    """
-    scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
-    return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)
-
-
-def round_to_levels(pixels: Float32[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
-    """Clip floats to 0..1 and round them to multiples of 1/255, as writing an 8-bit file does."""
-    return to_bytes(pixels) / np.float32(255.0)
 
 
 def _load(
@@ -196,11 +181,11 @@ def _load(
         with np.errstate(over="ignore", invalid="ignore"):
             pixels = unpremultiply(pixels)
     if is_float or is_premultiplied:
-        _check_finite(name, pixels)
+        check_finite(name, pixels)
     if is_float and not linear:
-        pixels = _on_colors(linear_to_srgb, pixels)
+        pixels = on_colors(linear_to_srgb, pixels)
     if linear and not is_float:
-        pixels = _on_colors(srgb_to_linear, pixels)
+        pixels = on_colors(srgb_to_linear, pixels)
     return np.ascontiguousarray(_upright(pixels, spec.get_int_attribute("Orientation", 1)))
 
 
@@ -233,7 +218,7 @@ def _read_channels(
         raise ValueError(f"{name}: the image is damaged or cut short{reason_text(error, path)}.")
     shape = (spec.height, spec.width, spec.nchannels)
     # Division rounds correctly; OpenImageIO multiplies by a rounded 1/255. A signalling NaN makes
-    # numpy warn here, and is reported by `_check_finite` later.
+    # numpy warn here, and is reported by `check_finite` later.
     with np.errstate(invalid="ignore"):
         floats = np.asarray(pixels).reshape(shape).astype(np.float32)
         floats /= np.float32(maximum)
@@ -297,12 +282,6 @@ def _is_premultiplied(path: Path, spec: Any) -> bool:
     return is_tiff and not spec.get_int_attribute("oiio:UnassociatedAlpha", 0)
 
 
-def _on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
-    """Apply `convert`, a function of arrays, to all channels except alpha, the fourth."""
-    colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
-    return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
-
-
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     """Rotate and mirror an image of EXIF orientation 1 to 8, so that it is upright.
 
@@ -332,34 +311,6 @@ def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
     return pixels
 
 
-def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
-    """Check that an array is an image, and convert it to float32.
-
-    An image is `[height, width, 1, 3 or 4]` with finite floats. Raises `ValueError`, whose message
-    begins with `name`, for anything else.
-    """
-    if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
-        raise ValueError(f"{name}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
-    if image.dtype not in (np.float16, np.float32, np.float64):
-        raise ValueError(f"{name}: an image holds floats, 0..1; got {image.dtype}.")
-    with np.errstate(over="ignore"):
-        pixels = image.astype(np.float32)
-    _check_finite(name, pixels)
-    return pixels
-
-
-def _check_finite(name: str, pixels: np.ndarray) -> None:
-    """Raise `ValueError`, whose message begins with `name`, if a value is NaN or infinite.
-
-    The message names the first such value.
-    """
-    finite = np.isfinite(pixels)
-    if not finite.all():
-        row, column, channel = (int(i) for i in np.argwhere(~finite)[0])
-        value = pixels[row, column, channel]
-        raise ValueError(f"{name}: row {row}, column {column}, channel {channel} is {value}.")
-
-
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     """Write pixels, as `stored_pixels` returns them, to `draft` in the format of its suffix.
 
@@ -371,66 +322,3 @@ def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     target = open_output(draft, path, spec)
     is_written = target.write_image(np.ascontiguousarray(pixels))
     close_output(target, draft, path, bool(is_written))
-
-
-def check_free_space(draft: Path, path: Path, size: int) -> None:
-    """Raise `ValueError`, which names `path`, unless the disk of `draft` has `size` bytes free.
-
-    64 KiB are required in addition, for headers.
-    """
-    # The JPEG library terminates the process if the disk is full.
-    if shutil.disk_usage(draft.parent).free < size + 2**16:
-        raise ValueError(
-            f"{path}: not enough space on the disk: {size / 1e6:.1f} MB may be needed."
-        )
-
-
-def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
-    """Make OpenImageIO's `ImageSpec` for writing an image in the format of the suffix of `draft`.
-
-    `shape` is `(height, width, channels)`; `dtype` is float32 or an unsigned integer type.
-    """
-    height, width, channels = shape
-    spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
-    if draft.suffix != ".exr":
-        # Without this, OpenImageIO assumes premultiplied colours and divides them by alpha.
-        spec.attribute("oiio:UnassociatedAlpha", 1)
-    if draft.suffix in (".jpg", ".jpeg"):
-        spec.attribute("compression", "jpeg:95")
-        spec.attribute("jpeg:subsampling", "4:4:4")
-    return spec
-
-
-def open_output(draft: Path, path: Path, spec: Any) -> Any:
-    """Open `draft` for writing an image; returns OpenImageIO's `ImageOutput`.
-
-    Raises `ValueError`, which calls the file `path`.
-    """
-    target = oiio.ImageOutput.create(str(draft))
-    if target is None:
-        raise ValueError(f"{path}: cannot be written{reason_text(oiio.geterror(), draft)}.")
-    if not target.open(str(draft), spec):
-        raise ValueError(f"{path}: cannot be written{reason_text(target.geterror(), draft)}.")
-    return target
-
-
-def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None:
-    """Close the output of `open_output`; raise `ValueError` unless the file is complete.
-
-    `is_written` says whether everything was written so far. The error calls the file `path`.
-    """
-    # Closing writes buffered data, so it may fail if the disk is full.
-    if not (target.close() and is_written) or not _is_complete(draft):
-        raise ValueError(f"{path}: cannot be written{reason_text(target.geterror(), draft)}.")
-
-
-def _is_complete(draft: Path) -> bool:
-    """Whether a PNG is complete; True for other formats.
-
-    OpenImageIO does not report a full disk while it writes a PNG.
-    """
-    if draft.suffix != ".png":
-        return True
-    with draft.open("rb") as file:
-        file.seek(max(0, draft.stat().st_size - 8))
-        return file.read() == b"IEND\xae\x42\x60\x82"

@@ -74,7 +74,7 @@ def checked_image(name: str, image: Any) -> np.ndarray:
     Raises `ValueError`, which begins with `name`, if it is not an image.
     """
     # Imported here, since it loads OpenImageIO, which `import softras2d.plot` does not need.
-    from ..io.images import as_pixels
+    from ..io.pixel_values import as_pixels
 
     return as_pixels(name, np.asarray(image))
 

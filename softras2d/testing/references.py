@@ -10,7 +10,8 @@ from jaxtyping import Float32
 from ..comparison.compare import compare
 from ..comparison.pixels import comparable_pixels, pixel_difference
 from ..comparison.tolerance import ONE_LEVEL, checked_tolerance, exceeds
-from ..io.images import as_pixels, read_image, round_to_levels, write_image
+from ..io.images import read_image, write_image
+from ..io.pixel_values import as_pixels, round_to_levels
 
 FAILURES = "failures"
 """Name of the folder beside a reference into which the images of a failure are saved."""

@@ -136,7 +136,7 @@ def compile_times() -> Iterator[list[float]]:
 
 @jax.jit
 def _to_rgba(image: Float[Array, "height width channels"]) -> UInt8[Array, "height width 4"]:
-    """Convert floats to bytes as `io.images.to_bytes` does, bit for bit."""
+    """Convert floats to bytes as `io.pixel_values.to_bytes` does, bit for bit."""
     # In one fusion the product and the sum could be rounded once instead of twice.
     scaled = materialized(_scale)(image)
     levels = jnp.floor(scaled + 0.5).astype(jnp.uint8)

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..color import premultiply, unpremultiply
-from ..io.images import image_size, read_image, to_bytes
+from ..io.images import image_size, read_image
+from ..io.pixel_values import to_bytes
 from ..texture.pyramid import TexturePyramid
 from .subject import Subject
 from .view import View, enlarged_size

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..color import premultiply, unpremultiply
 from ..geometry.canvas_grid import Grid
-from ..io.images import to_bytes
+from ..io.pixel_values import to_bytes
 from ..planning.size_classes import pad
 from ..scene import Scene
 from .draw import Artist

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..fitting.result import FitResult
-from ..io.images import as_pixels
+from ..io.pixel_values import as_pixels
 from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 from .image import Image, pyramid_image

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.images import to_bytes
+from softras2d.io.pixel_values import to_bytes
 from softras2d.viewing.scene_in_memory import SceneInMemory, enlarge
 from softras2d.viewing.session import Reply, Session
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.images import to_bytes
+from softras2d.io.pixel_values import to_bytes
 from softras2d.viewing.image import Image, pyramid_image
 from softras2d.viewing.open_files import open_files
 from softras2d.viewing.scene_file import ReadOptions, SceneFile

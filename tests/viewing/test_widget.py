@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.io.images import to_bytes
+from softras2d.io.pixel_values import to_bytes
 
 from ..cases.pages import canvas_of, running_browser, wait_for, wait_for_picture
 from ..cases.viewing import HEIGHT, VIEW, WIDTH, bytes_of, small_image, small_scene
