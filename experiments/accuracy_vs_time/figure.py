@@ -37,7 +37,7 @@ _FONT = 8.5
 def draw(
     points: Sequence[Point], titles: dict[str, str], time_label: str, error: str, note: str
 ) -> Figure:
-    """One panel for each scene of `titles`, the legend in a panel of its own.
+    """Draw one panel for each scene of `titles`, and the legend in a separate panel.
 
     `time_label` and `error` name the axes; `note` is placed below the legend.
     """
@@ -54,7 +54,7 @@ def draw(
     for axes in panels[len(titles) :]:
         axes.axis("off")
     _key(panels[len(titles)], points, note)
-    # Labels are placed in pixels, so that the layout must not change afterwards.
+    # Labels are placed in pixels, so the layout must not change afterwards.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes, scene in zip(panels, titles, strict=False):
@@ -109,7 +109,7 @@ def _joined(points: Sequence[Point]) -> list[list[tuple[float, float]]]:
 
 
 def _text(point: Point) -> str:
-    """The label of a point; with the family's name if its points are not joined by a line."""
+    """The label of a point, with the family's name if no line joins the points of the family."""
     joined = STYLES[point.family][2] == "-"
     if point.family == "Hard, pixel shading":
         return f"{point.label}, pixel"

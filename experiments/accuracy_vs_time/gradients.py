@@ -29,7 +29,7 @@ class GradientMethod:
     """A way to compute the gradient.
 
     - `call()` draws and differentiates.
-    - `read(result)` gives the gradient `[vertices, 2]` in what `call` returned.
+    - `read(result)` extracts the gradient `[vertices, 2]` from what `call` returned.
     """
 
     family: str
@@ -67,7 +67,7 @@ def methods_of(subject: Subject, quick: bool) -> list[GradientMethod]:
 def _package_method(
     subject: Subject, target: NDArray[np.float32], family: str, label: str, coverage: Any
 ) -> GradientMethod:
-    """Value and gradient of the package by all positions."""
+    """Value and gradient by all positions, computed by the package under one coverage mode."""
     scene, size = subject.scene, subject.size
     plan = sr.plan(scene, height=size, width=size, coverage=coverage)
     target_array = jnp.asarray(target)
@@ -87,7 +87,7 @@ def _package_method(
 
 
 def _deodr(subject: Subject, target: NDArray[np.float32]) -> list[GradientMethod]:
-    """DEODR differentiates by corner; at shared vertices the gradients of corners are added."""
+    """DEODR, which differentiates by corners; at shared vertices, their gradients are added."""
     soup = subject.soup
     if soup is None or not soup.opaque or "DEODR" in ways.missing():
         return []

@@ -53,7 +53,7 @@ def front(points: Sequence[Point]) -> list[Point]:
 
 
 def quickest(points: Sequence[Point], most: float) -> Point | None:
-    """The least time with an error of `most` at most."""
+    """The fastest point whose error is at most `most`; None if there is none."""
     good = [point for point in points if point.error <= most]
     return min(good, key=lambda one: one.ms, default=None)
 
@@ -65,7 +65,8 @@ ALIKE = 1.01
 def ahead(points: Sequence[Point]) -> Iterator[tuple[Point, Point | None]]:
     """Peers that no method of softras2d matches in both time and error, the quickest first.
 
-    Each with the quickest method whose error is as low (within `ALIKE`); None if there is none.
+    Each comes with the quickest method of softras2d whose error is as low (within `ALIKE`), or
+    with None if there is none.
     """
     ours = [point for point in points if point.is_ours]
     for peer in sorted((point for point in points if not point.is_ours), key=lambda one: one.ms):

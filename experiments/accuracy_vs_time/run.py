@@ -103,7 +103,7 @@ def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Tim
 
 
 def compile_together(calls: Iterable[Callable[[], object]]) -> None:
-    """Call each once, as many at a time as there are cores: compiling keeps one core busy."""
+    """Call each once to compile it, one call per core at a time: compiling keeps one core busy."""
     with ThreadPoolExecutor(CORES) as pool:
         for done in [pool.submit(call) for call in calls]:
             done.result()

@@ -24,7 +24,7 @@ MIPMAPPED = sr.Filter(pixel="bilinear", level="linear")
 class Subject:
     """One scene on a canvas of `size` x `size` pixels.
 
-    - `soup`: the same as free triangles, for the peers; None for the textured scene.
+    - `soup`: the same triangles without shared vertices, for the peers; None with textures.
     - `tiling`: whether its triangles abut and fill the canvas.
     """
 
@@ -80,7 +80,7 @@ def mesh(size: int) -> Subject:
 
 
 def sliver_soup(size: int) -> Soup:
-    """Long triangles, 0.2 to 1.5 pixels wide at one end, of a tenth to 0.4 of the canvas."""
+    """Triangles 0.2 to 1.5 pixels wide at one end, as long as a tenth to 0.4 of the canvas."""
     rng = np.random.default_rng(SEED)
     middle = rng.random((SLIVERS, 1, 2)) * size
     angle = rng.random(SLIVERS) * (2 * np.pi)

@@ -41,7 +41,10 @@ def contestants(subject: Subject) -> list[Contestant]:
 
 
 def _images(subject: Subject) -> tuple[NDArray[np.uint8], list[list[float]], list[float]]:
-    """The texture's bytes `[height, width, 4]`, boxes `left, top, right, bottom`, the paper."""
+    """The texture in bytes `[height, width, 4]`, boxes in pixels, and the background in 0..1.
+
+    A box is `left, top, right, bottom`.
+    """
     textures = subject.scene.textures
     assert textures is not None
     offset, height, width = np.asarray(textures.levels)[0, 0]

@@ -44,7 +44,7 @@ def missing() -> list[str]:
 
 
 def contestants(subject: Subject, quick: bool) -> list[Contestant]:
-    """All renderers of this scene; `sampling` is the label of the point."""
+    """All renderers of this scene; their `sampling` is the label of the point in the figure."""
     ours = [_package(subject, *one) for one in _choices(subject, quick)]
     if subject.textured:
         return ours + textured_peers.contestants(subject)
@@ -52,7 +52,7 @@ def contestants(subject: Subject, quick: bool) -> list[Contestant]:
 
 
 def coverages(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any]]:
-    """Family, label and coverage of the modes that draw every scene."""
+    """Yield family, label and coverage of each mode that draws all kinds of scenes."""
     for samples in (16,) if quick else SAMPLES:
         yield "Hard", str(samples), sr.Hard(samples)
     for width in _few(subject) if quick else WIDTHS_PX:
@@ -63,12 +63,15 @@ def coverages(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any]]:
 
 
 def _few(subject: Subject) -> tuple[float, ...]:
-    """The widths of a quick run: about a pixel; none for a tiling, which has a second `Area`."""
+    """Widths of `Soft` in a quick run, in pixels; none for a tiling, which has a second `Area`."""
     return () if subject.tiling else (0.8,)
 
 
 def _choices(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any, sr.Filter]]:
-    """With textures, `mip` is a trilinear filter, and `mip -1` one whose levels are lowered."""
+    """Yield family, label, coverage and filter of each mode.
+
+    In labels, `mip` is the trilinear filter, and `mip -1` the same with levels lowered by one.
+    """
     if not subject.textured:
         for choice in coverages(subject, quick):
             yield *choice, IDEAL

@@ -59,7 +59,7 @@ ROWS = (
 """1,000 triangles on 512 x 512 px unless the name says otherwise; `Hard` has 16 samples."""
 
 _CALLS, _SECONDS = 15, 12.0
-"""Timed calls of each checkout, and seconds of both after which there are fewer."""
+"""Timed calls of each checkout, and seconds of both together after which no more follow."""
 
 _OVERDRAW_SCALE = 20**0.5
 """Enlarges triangles about their centres, so that 100 cover each pixel instead of 5."""
@@ -122,7 +122,11 @@ def _write_scenes(path: Path, rows: list[Row]) -> None:
 
 
 def _measure(row: Row, before: Path, arrays: Path) -> dict[str, Any]:
-    """Medians of both checkouts, their first calls, and the memory that they add."""
+    """Time one row with both checkouts.
+
+    Returns, for each, the medians of wall-clock and processor time in milliseconds, the seconds of
+    the first call, and the MiB by which its process grew.
+    """
     prepare = f"prepare {row.kind} {row.count} {row.size} {row.coverage} {row.what}"
     with _worker(before, arrays) as old, _worker(ROOT, arrays) as new:
         first = [_ask(worker, prepare) for worker in (old, new)]
@@ -130,7 +134,7 @@ def _measure(row: Row, before: Path, arrays: Path) -> dict[str, Any]:
         spent = 0.0
         while len(times[0]) < _CALLS and (spent < _SECONDS or len(times[0]) < 5):
             for worker, answers in zip((old, new), times, strict=True):
-                # The other process has filled the caches.
+                # An untimed call first, as the other process has filled the caches.
                 _ask(worker, "call")
                 answers.append(_ask(worker, "call"))
                 spent += 2e-3 * answers[-1]["wall_ms"]
@@ -145,7 +149,7 @@ def _measure(row: Row, before: Path, arrays: Path) -> dict[str, Any]:
 
 @contextmanager
 def _worker(checkout: Path, arrays: Path) -> Iterator["subprocess.Popen[str]"]:
-    """A process that does the work with the package of a checkout."""
+    """Start a process that runs `work.py` with the package of a checkout; end it afterwards."""
     environment = os.environ | {"PYTHONPATH": str(checkout.resolve())}
     command = [sys.executable, str(HERE / "work.py"), str(arrays)]
     worker = subprocess.Popen(

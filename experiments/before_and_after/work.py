@@ -81,7 +81,7 @@ def _call(scene: Any, size: int, coverage: Any, what: str) -> Callable[[], objec
 
 
 def _resident_mib() -> float:
-    """MiB that the process holds (Linux)."""
+    """Resident memory of this process, in MiB (Linux)."""
     with open("/proc/self/statm") as file:
         return int(file.read().split()[1]) * resource.getpagesize() / 2**20
 

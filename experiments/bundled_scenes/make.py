@@ -1,7 +1,7 @@
 """Write the bundled scenes: `python -m experiments.bundled_scenes.make [FOLDER]`.
 
-The files are in `softras2d/scenes`, so that scenes can be read without this script, and a test
-compares them with it.
+The files are in `softras2d/scenes`, so that scenes can be read without this script. A test checks
+that the script still writes the same files.
 """
 
 import sys
@@ -48,7 +48,7 @@ FIGURES = {
 
 
 def hairlines() -> str:
-    """The northern sky, in the course dialect: lines and points are one pixel at every rate."""
+    """The northern sky, in the SVG dialect of a course: lines and points stay one pixel wide."""
     rim = 138.0
     lines = [
         f'<rect x="0" y="0" width="{SIZE}" height="{SIZE}" fill="{PAPER}"/>',
@@ -80,12 +80,15 @@ def hairlines() -> str:
 
 
 def _sky(stars: np.ndarray, rim: float) -> np.ndarray:
-    """Azimuthal equidistant about the pole, to declination 40 at the rim; hours turn leftwards."""
+    """Azimuthal equidistant projection about the pole.
+
+    Declination 40 is at the distance `rim` from the middle; hours turn counterclockwise.
+    """
     return polar((90.0 - stars[:, 1]) / 50.0 * rim, -15.0 * stars[:, 0])
 
 
 def _star(middle: np.ndarray, magnitude: float) -> str:
-    """A four-pointed star, the larger the brighter."""
+    """A four-pointed star, larger for a brighter star (a lower magnitude)."""
     long, short = 7.5 - 1.2 * magnitude, 1.6 - 0.2 * magnitude
     radius = np.where(np.arange(8) % 2 == 0, long, short)
     rays = polar(radius, np.arange(8) * 45.0) - SIZE / 2
@@ -98,7 +101,7 @@ def _polyline(points: np.ndarray, stroke: str) -> str:
 
 
 def slivers() -> str:
-    """Needles out of a ring and into it, two colours in turn."""
+    """Needles that point out of a ring and into it, in two alternating colours."""
     count, base, half = 84, 58.0, 1.7
     lines = [page(INK)]
     for index in range(count):
@@ -213,7 +216,7 @@ RIDGES = (
     (236.0, 17.0, 4.1, "#274a72", "#1a3759"),
     (272.0, 10.0, 5.2, "#12304f", "#0a1c30"),
 )
-"""Height, relief, phase and the colours of the crest and the foot, from the far range on."""
+"""Height, relief, phase, and colours of crest and foot of each range, the farthest first."""
 
 
 def mesh() -> str:
@@ -227,7 +230,7 @@ def mesh() -> str:
             c, d = grid[row + 1, column], grid[row + 1, column + 1]
             falling = _layer((a + b + d) / 3) != _layer((a + c + d) / 3)
             rising = _layer((a + b + c) / 3) != _layer((b + c + d) / 3)
-            # The diagonal that separates two ranges; either if there is none.
+            # Take the diagonal that separates two ranges, or either one if neither does.
             if falling or (not rising and random.random() < 0.5):
                 halves = ([a, b, d], [a, d, c])
             else:
@@ -247,7 +250,7 @@ def _ridge(layer: int, x: float | np.ndarray) -> np.ndarray:
 
 
 def _grid(random: np.random.Generator) -> np.ndarray:
-    """Vertices `[rows + 1, columns + 1, 2]`: jittered inside, on the border of the picture."""
+    """Vertices `[rows + 1, columns + 1, 2]`, jittered, but those of the border stay on it."""
     y, x = np.meshgrid(np.arange(ROWS + 1.0), np.arange(COLUMNS + 1.0), indexing="ij")
     jitter = 0.5 * (random.random((2, ROWS + 1, COLUMNS + 1)) - 0.5)
     jitter[0, :, [0, -1]] = 0.0

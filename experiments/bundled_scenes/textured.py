@@ -11,7 +11,7 @@ from .drawing import document, number, page
 
 
 def _painted(index: np.ndarray, colors: list[str]) -> np.ndarray:
-    """`[height, width, 3]` in 0..1 of indices `[height, width]` into a list of colours."""
+    """Look up indices `[height, width]` in a list of colours: `[height, width, 3]` in 0..1."""
     table = np.stack([mix([color], 0.0) for color in colors]) / 255
     return table[index].astype(np.float32)
 
@@ -62,7 +62,7 @@ def zone_quarter() -> np.ndarray:
 def kilim() -> np.ndarray:
     """Woven bands that run down the texture, from 2 texels wide to 40; 256 x 256."""
     y = np.arange(256)[:, None]
-    # Width in texels and motif of each band, to the middle; then mirrored.
+    # Width in texels and motif of each band as far as the middle; the rest is mirrored.
     bands = (
         (6, "a"), (4, "b"), (2, "c"), (2, "b"), (2, "c"), (2, "b"), (32, "zigzag"), (2, "b"),
         (2, "d"), (2, "b"), (2, "d"), (8, "a"), (3, "e"), (3, "b"), (3, "e"), (3, "b"),
@@ -132,7 +132,7 @@ def minified() -> str:
 
 
 def zone_plate() -> str:
-    """Four mirrored quarters: twice as fine at the border as pixels can hold."""
+    """Four mirrored quarters, at the border twice as fine as pixels can represent."""
     lines = [
         _image("zone_quarter", 0.0, 0.0, SIZE / 2, f"translate(150 150) scale({x} {y})")
         for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1))
@@ -173,7 +173,7 @@ def magnified() -> str:
 
 
 def _image(name: str, x: float, y: float, side: float, transform: str = "") -> str:
-    """The picture in a square."""
+    """An image element with the picture in a square."""
     box = f'x="{number(x, 2)}" y="{number(y, 2)}"'
     side_text = number(side, 2)
     moved = f' transform="{transform}"' if transform else ""

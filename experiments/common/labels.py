@@ -24,7 +24,7 @@ LEADER_FROM_PX = 16
 
 @dataclass(frozen=True)
 class Label:
-    """Text at a point of the axes, in data coordinates."""
+    """Text beside a point of the axes, which is in data coordinates."""
 
     x: float
     y: float
@@ -38,7 +38,7 @@ def place(
     fontsize: float,
     paths: Sequence[list[tuple[float, float]]] = (),
 ) -> int:
-    """Draw the labels; the axes must have their final place and limits.
+    """Draw the labels; the axes must have their final position and limits.
 
     `paths` are lines on the axes, as points in data coordinates, which labels avoid if they can.
     Returns how many labels still overlap another label or a point.
@@ -73,7 +73,7 @@ def place(
 
 
 def _sampled(axes: Any, path: list[tuple[float, float]]) -> NDArray[np.float64]:
-    """A polyline in display pixels, with a point about every four pixels."""
+    """Points along a polyline, in display pixels, about four pixels apart."""
     ends = axes.transData.transform(path)
     pieces = [
         a + np.linspace(0, 1, 2 + int(np.linalg.norm(b - a) / 4))[:, None] * (b - a)
@@ -83,7 +83,7 @@ def _sampled(axes: Any, path: list[tuple[float, float]]) -> NDArray[np.float64]:
 
 
 def _size(axes: Any, text: str, fontsize: float, renderer: Any) -> NDArray[np.float64]:
-    """Width and height in display pixels, with a margin."""
+    """Width and height of a label in display pixels, with a margin."""
     drawn = axes.text(0.5, 0.5, text, fontsize=fontsize, transform=axes.transAxes)
     extent = drawn.get_window_extent(renderer)
     drawn.remove()
@@ -112,7 +112,7 @@ def _cost(
     lines: NDArray[np.float64],
     points: NDArray[np.float64],
 ) -> float:
-    """Positions are ranked first by what they cover, then by their distance."""
+    """Cost of a position: first by what it covers, then by the distance from label to point."""
     outside = np.any(box[:2] < limits[:2] + 2) or np.any(box[2:] > limits[2:] - 2)
     cost = 1e6 * outside + 1e4 * _hits(box, taken).sum() + 3e3 * _hits(box, others).sum()
     cost += 30.0 * _inside(lines, box[None]).any()

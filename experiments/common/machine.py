@@ -45,7 +45,7 @@ def version(package: str) -> str | None:
 
 
 def _processor() -> str:
-    """Model, family and vector width of the first processor, as cloud machines name little else."""
+    """Model, family and vector width of the first processor; cloud machines tell little else."""
     path = Path("/proc/cpuinfo")
     if not path.exists():
         return platform.processor() or platform.machine()

@@ -1,4 +1,4 @@
-"""Reference images at 1024 samples per pixel, and a cache on disk of them and of programs."""
+"""Reference images at 1024 samples per pixel, and disk caches of images and compiled programs."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ IDEAL = sr.Filter(pixel="bilinear", level="zero")
 def cached_reference(
     scene: sr.Scene, size: int, folder: Path
 ) -> Float[np.ndarray, "size size channels"]:
-    """The mean of 1024 samples per pixel: 256 on a canvas of twice the size, which is halved.
+    """The mean of 1024 samples per pixel: 256 on a canvas twice as wide and high, then halved.
 
     Every sample reads the `IDEAL` texture at one point. The image is stored in `folder`, under a
     hash of the scene and the size.

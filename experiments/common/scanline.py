@@ -1,6 +1,6 @@
 """A supersampling scanline renderer, compiled by numba.
 
-At 32x32 samples per pixel it is the reference; with fewer samples it is timed beside softras2d.
+With 32x32 samples per pixel it draws the reference; with fewer, it is timed beside softras2d.
 
 It draws one row of samples at a time, which stays in the first cache level. It fills the row with
 background, draws the interval that each triangle covers, back to front, and adds the row to the row
@@ -53,7 +53,10 @@ def truth(soup: Soup, cache: Path) -> NDArray[np.float32]:
 
 @nb.njit(cache=True)
 def _bin_rows(corners, size):
-    """Triangles that reach each row of pixels, in draw order: `start [size + 1]`, `index`."""
+    """List the triangles that reach each row of pixels, in draw order.
+
+    Row r has the triangles `index[start[r] : start[r + 1]]`.
+    """
     start = np.zeros(size + 1, np.int64)
     first = np.empty(corners.shape[0], np.int64)
     last = np.empty(corners.shape[0], np.int64)
@@ -76,7 +79,7 @@ def _bin_rows(corners, size):
 
 @nb.njit(cache=True)
 def _set_up(corners, colors, rate, flat):
-    """Corners in sample steps, edge slopes, and colour planes; sample (i, j) lies at (i, j).
+    """Return corners in sample steps, edge slopes and colour planes; sample (i, j) is at (i, j).
 
     `slopes [triangles, 3]` is dx/dy of the edges 0-1, 1-2, 2-0 (0 for a level edge);
     `planes [triangles, 3 channels, 3]` is the colour at the origin and its steps along x and y.

@@ -10,10 +10,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Times:
-    """Milliseconds of one call: `median` and `least` by the clock, `cpu` the median over cores.
+    """Milliseconds of one call: `median` and `least` of wall-clock time, `cpu` of processor time.
 
-    `cpu` counts the processor time of all threads of this process: well below `median`, the
-    machine was busy with something else; well above, several cores worked.
+    `cpu` is the median of the processor time of all threads of this process. If it is well below
+    `median`, the machine was busy with something else; if well above, several cores worked.
     """
 
     median: float
@@ -28,7 +28,7 @@ def interleave(
     rounds: int = 7,
     budget_s: float = 20.0,
 ) -> dict[str, Times]:
-    """Time every contestant once a round, in an order that rotates, and summarise per contestant.
+    """Time every contestant once per round, in an order that rotates; return the times of each.
 
     A contestant returns when its work is done (block on asynchronous results). Each is warmed up
     by one call before all rounds, and before each timed call by an untimed one, since the

@@ -44,7 +44,7 @@ def _columns(suffix: str, price: Price) -> dict[str, float]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown: the time of every scene, and what it would be without each effect."""
+    """Markdown table: the time of every scene, and its time without each effect."""
     lines = []
     for row in rows:
         whole = row["effect"] == "the whole scene"
@@ -72,7 +72,7 @@ def main() -> None:
     for name in steps(names, "pricing"):
         rows += price(name)
         if not only:
-            # After each scene, so that an interrupted run leaves results.
+            # Write after each scene, so that an interrupted run leaves results.
             report.write_csv(HERE / "results" / "prices.csv", rows)
             report.fill_markers(HERE / "README.md", "prices", table(rows))
     if only:

@@ -24,7 +24,7 @@ CELLS = (1, 12)
 
 
 def canvas_of_squares(cells: int) -> sr.Scene:
-    """The canvas in `cells` x `cells` squares of two triangles; a texture of noise, four times."""
+    """A canvas of `cells` x `cells` squares of two triangles; its noise texture repeats 4 times."""
     rng = np.random.default_rng(0)
     across, down = np.meshgrid(np.linspace(0, 1, cells + 1), np.linspace(0, 1, cells + 1))
     unit = np.stack([across, down], -1).astype(np.float32)
@@ -44,7 +44,7 @@ def contestants(cells: int) -> dict[str, Any]:
     """Programs to time, by name."""
     textured = canvas_of_squares(cells)
     flat = replace(textured, uv=None, texture_index=None, textures=None)
-    # Corner colours, to be evaluated at each sample, without a texture.
+    # These corner colours are evaluated at each sample, without a texture.
     rng = np.random.default_rng(1)
     count = flat.triangles.shape[0]
     bent = replace(
@@ -72,7 +72,10 @@ def _render(scene: sr.Scene, filter: sr.Filter | None = None, shading: str = "sa
 
 
 def _loops(flat: sr.Scene) -> dict[str, Any]:
-    """The compiled loop over samples, flat colours; its canvas is square, so the side is a mean."""
+    """Calls of the compiled loop over samples, in flat colours, by name.
+
+    Its canvas is square, with as many pixels as the canvas of the package.
+    """
     from ..hard_speed import scalar_loop
 
     side = round((HEIGHT * WIDTH) ** 0.5)

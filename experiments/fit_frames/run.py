@@ -53,10 +53,10 @@ FILMS = {"crossing": crossing, "pan": pan}
 def measure(name: str, film: Film, triangles: int, temporal: float | None) -> dict[str, Any]:
     """Fit a film, and return its scores and times.
 
-    `temporal`: the temporal weight; None: every frame is fitted alone.
+    `temporal` is the temporal weight; with None, every frame is fitted alone.
     """
     start = time.perf_counter(), time.process_time()
-    # Time and processor time at which each frame was done.
+    # Wall-clock and processor time at which each frame was done.
     ends: list[tuple[float, float]] = []
     if temporal is None:
         results = sr.fit_batch(film, triangles=triangles, steps=STEPS, seed=SEED)
@@ -83,7 +83,7 @@ def measure(name: str, film: Film, triangles: int, temporal: float | None) -> di
 
 
 def row_texts(row: dict[str, Any]) -> list[str]:
-    """Texts of a row of the README's table."""
+    """Format a row of the README's table."""
     temporal = row["temporal"]
     flicker_text = "" if np.isnan(row["flicker"]) else f"{row['flicker']:.2f}"
     return [

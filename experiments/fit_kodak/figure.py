@@ -41,7 +41,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 def _line(row: dict[str, Any]) -> list[str]:
     own = float(row["psnr"])
-    # Earlier runs know the second alone.
+    # Earlier runs measured only the second.
     static = [float(row[key]) if row.get(key) else None for key in ("greedy_psnr", "static_psnr")]
     return [
         row["picture"],
@@ -57,7 +57,7 @@ def _line(row: dict[str, Any]) -> list[str]:
 
 
 def _against(psnr: float, static: float | None) -> tuple[str, str]:
-    """The PSNR of another method, and how much higher that of the fit is."""
+    """Cells for the PSNR of another method, in dB, and the gain of the fit over it."""
     return ("", "") if static is None else (f"{static:.2f}", f"{psnr - static:+.2f}")
 
 

@@ -10,7 +10,7 @@ HERE = Path(__file__).parent
 
 
 def main() -> None:
-    """The bundled landscape; 50 and 500 flat layers; a mesh of 2,000 triangles."""
+    """Draw the bundled landscape, 50 and 500 flat layers, and a mesh of 2,000 triangles."""
     target = sr.read_image(sr.pictures.path("valley"))
     fits = [
         sr.fit(target, triangles=50, steps=1500),

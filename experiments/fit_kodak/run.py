@@ -47,7 +47,7 @@ class Case(NamedTuple):
 
     @property
     def vertices(self) -> int:
-        """Of a mesh with as many triangles as that can have."""
+        """Number of vertices of a mesh that has this many parameters."""
         return self.parameters // 5 if self.shading == "gouraud" else self.parameters // 20
 
     @property
@@ -56,7 +56,7 @@ class Case(NamedTuple):
 
 
 def fit_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
-    """The row of a fit, with the PSNR of a static mesh of as many vertices."""
+    """Fit one picture; return the row of the fit, and of static meshes with as many vertices."""
     began = time.perf_counter()
     result = sr.fit(
         target,
@@ -85,7 +85,7 @@ def fit_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
 
 
 def deodr_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
-    """The same by DEODR, for a square picture."""
+    """Fit a square picture with DEODR in the same time; return a row like `fit_row`."""
     from .with_deodr import fit
 
     began = time.perf_counter()
@@ -109,8 +109,12 @@ def deodr_row(name: str, target: np.ndarray, case: Case) -> dict[str, Any]:
 
 
 def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
-    """Greedy insertion and colours of least squares, nothing moved: kept Delaunay, and with the
-    edges flipped that lower the error."""
+    """PSNR, in dB, of two meshes whose vertices do not move, and seconds to make the second.
+
+    Vertices are inserted greedily, and colours solve a least-squares problem. The mesh of
+    `greedy_psnr` stays Delaunay; in the mesh of `static_psnr`, edges are flipped if that lowers the
+    error.
+    """
     began = time.perf_counter()
     model = "vertex" if case.shading == "gouraud" else "linear"
     flipped = error_start(Target(target), case.vertices, model=model, seed=SEED, exchanges=0)
@@ -124,7 +128,7 @@ def static_row(target: np.ndarray, case: Case) -> dict[str, float]:
 
 
 def greedy_mesh(target: np.ndarray, vertices: int, model: ColorModel) -> Mesh:
-    """Vertices inserted where they lower the error most, in a mesh that stays Delaunay."""
+    """Insert vertices where they lower the error most, in a mesh that stays Delaunay."""
     height, width = target.shape[:2]
     mesh = uniform_start(height, width, min(vertices, COARSE), jitter=0.1, seed=SEED)
     while (have := len(mesh.positions)) < vertices:
@@ -145,7 +149,7 @@ def static_psnr(target: np.ndarray, mesh: Mesh, model: ColorModel) -> float:
 
 
 def renew_statics(path: Path, found: dict[str, np.ndarray]) -> None:
-    """The static meshes of rows that are there, measured anew; the fits stay as they are."""
+    """Measure the static meshes of all rows of a file again; the fits keep their results."""
     rows = report.read_csv(path)
     missing = {row["picture"] for row in rows} - set(found)
     if missing:
@@ -216,7 +220,7 @@ def main() -> None:
         square = found[name].shape[0] == found[name].shape[1]
         if case.family == "layers" and square and importlib.util.find_spec("deodr"):
             rows.append(deodr_row(name, found[name], case))
-        # Whatever ends the run: what is known stays.
+        # Write after each picture, so that an interrupted run leaves results.
         report.write_csv(chosen.into / "fits.csv", rows)
     run = {
         "arguments": {k: str(v) for k, v in vars(chosen).items() if k not in ("folder", "into")},

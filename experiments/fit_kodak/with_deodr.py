@@ -1,7 +1,8 @@
 """Fit flat layers with DEODR's gradients and Adam.
 
-The triangles start where ours do under `start="uniform"`, and have the same learning rates. No
-triangle is moved to a new position during the fit, since DEODR does not support that.
+The triangles start at the same positions as in softras2d under `start="uniform"`, with the same
+learning rates. No triangle is moved to a new position during the fit, since DEODR does not support
+that.
 """
 
 import time
@@ -25,7 +26,7 @@ FALL = 0.3
 
 
 def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.Scene, int]:
-    """The scene, in pixels of a square target, and the steps that the time allowed."""
+    """Fit a square target for some seconds; return the scene, and the number of steps taken."""
     began = time.perf_counter()
     small = shrink(target, SIDE, SIDE).astype(np.float64)
     rng = np.random.default_rng(seed)

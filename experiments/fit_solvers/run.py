@@ -26,11 +26,11 @@ SEED = 0
 
 
 ENDLESS = 100_000
-"""Number of steps of a fit that is limited by time."""
+"""Number of steps for fits that only the time limits."""
 
 
 def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list[dict[str, Any]]:
-    """The error of the start and after each chunk of steps; the time excludes compilation."""
+    """One row for the start and one after each chunk of steps; times exclude compilation."""
     start = sr.fit(target, triangles=count, start="uniform", seed=SEED, steps=0)
     records, compiled = _fitted(target, count, solver, seconds, ENDLESS)
     if solver == "adam":
@@ -47,7 +47,7 @@ def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list
 def _fitted(
     target: np.ndarray, count: int, solver: str, seconds: float, steps: int
 ) -> tuple[list[Any], float]:
-    """Records of a fit by steps or seconds, and the compile time of its first chunk."""
+    """Fit until `seconds` or `steps` are reached; return its records, and its compile time in s."""
     records: list[Any] = []
 
     def note(moment: Any) -> None:
@@ -63,7 +63,7 @@ def _fitted(
 
 
 def _compiling(records: list[Any]) -> float:
-    """Seconds of the first chunk less those of its steps in later chunks."""
+    """Compile time: seconds of the first chunk, minus what its steps take in later chunks."""
     if len(records) < 3:
         return records[0].seconds
     paces = [(b.seconds - a.seconds) / (b.steps - a.steps) for a, b in itertools.pairwise(records)]

@@ -46,7 +46,7 @@ def quantized_after(result: sr.FitResult, target: Image) -> tuple[float, float]:
 
     Each triangle, and the background, gets the mean colour of the target at its visible samples,
     which is its colour of least squared error. K-means reduces these colours to a palette, from ten
-    random starts; a colour has the number of its samples as weight.
+    random starts; the weight of a colour is its number of samples.
     """
     size: dict[str, Any] = {"height": result.height, "width": result.width}
     visible = sr.rasterize(result.scene, sr.plan(result.scene, **size, coverage=sr.Hard(16)))
@@ -106,7 +106,7 @@ def compare(name: str, target: Image, fit: str, steps: int) -> dict[str, Any]:
 
 
 def row_texts(row: dict[str, Any]) -> list[str]:
-    """Texts of a row of the README's table."""
+    """Format a row of the README's table."""
     scores = [f"{row[key]:.2f}" for key in COLUMNS]
     return [row["fit"], row["picture"], *scores]
 

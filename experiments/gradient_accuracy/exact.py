@@ -1,6 +1,6 @@
 """The exact gradient of a weighted sum of box-filtered pixels, triangles in painter's order.
 
-Computed by quadrature in float64, compiled, without code or data structures of the package.
+It is a quadrature in float64, compiled, that shares no code or data structures with the package.
 
 - Boundary term: at many points along each edge, the composite is evaluated with and without the
   edge's triangle, from a list of the triangles near the point.
@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 from ..common.scenes import Soup
 
 _TILE = 16
-"""Side in pixels of a tile, for each of which the triangles near it are listed."""
+"""Side of a tile, in pixels. The triangles near each tile are listed."""
 
 
 def position_gradient(
     soup: Soup, weights: NDArray[np.float64], points: int = 32, rate: int = 8
 ) -> NDArray[np.float64]:
-    """The gradient `[triangles, 3, 2]`.
+    """The gradient `[triangles, 3, 2]` by the corners.
 
-    `points`: per pixel of length along edges; `rate`: squared, points per pixel inside triangles.
+    The quadrature has `points` points per pixel along edges, and `rate` x `rate` per pixel inside
+    triangles.
     """
     corners = soup.corners.astype(np.float64)
     tiles = -(-soup.size // _TILE)
@@ -75,7 +76,7 @@ def _contains(corners, number, x, y):
 
 @nb.njit(cache=True)
 def _jump(corners, planes, background, members, first, last, triangle, x, y, weight):
-    """Weighted change of the composited colour at a point if `triangle` covers it."""
+    """How much the weighted composited colour at a point changes if `triangle` covers it."""
     transmittance, behind = 1.0, 0.0
     color = 0.0
     for channel in range(3):
@@ -143,7 +144,7 @@ def _integrate(corners, planes, background, weights, start, members, tiles, poin
 
 @nb.njit(parallel=True, cache=True)
 def _integrate_inside(corners, planes, weights, start, members, tiles, rate):
-    """The interior term: the colour at a point changes by -grad c . (sum of w_k dv_k)."""
+    """Integrate the interior term: the colour at a point changes by -grad c . (sum of w_k dv_k)."""
     count, size = corners.shape[0], weights.shape[0]
     gradient = np.zeros((count, 3, 2))
     for triangle in nb.prange(count):

@@ -77,7 +77,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
         axis.set(xscale="log", yscale="log", xlabel="forward + backward (ms)",
                  title=f"{int(count):,} flat triangles, white noise")  # fmt: skip
         axis.margins(0.25)
-        # Labels of decades alone would be too few, and those between them overlap.
+        # Labels at decades alone would be too few, and labels between them would overlap.
         axis.xaxis.set_minor_formatter(NullFormatter())
         low, high = axis.get_xlim()
         ticks = [ms for ms in (5, 10, 20, 50, 100, 200, 500, 1000, 2000) if low < ms < high]

@@ -81,7 +81,7 @@ def error(a: Any, b: Any) -> float:
 
 
 def rows_of(soup: Soup, targets: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
-    """A row for every target, mode and peer on one scene; those of a target are timed in turn."""
+    """A row for every target, mode and peer on one scene; for one target, all are timed in turn."""
     # A gradient at 256 samples of translucent corner colours would take 30 GB.
     fine = Programs(soup, sr.Hard(256, edge_gradients=False)) if soup.opaque else None
     scene = scene_of(soup)

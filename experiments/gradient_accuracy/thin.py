@@ -1,10 +1,11 @@
-"""Measure the gradient of small and thin triangles in hard mode against that of exact area.
+"""Compare the gradient of small and thin triangles in hard mode with the exact gradient.
 
     python -m experiments.gradient_accuracy.thin
 
 Triangles that do not touch each other lie on a white canvas, so that the gradient of `Area` is the
-exact one. Prints, for each kind and colour, the scale (the factor of the exact gradient that comes
-nearest) and the cosine. A scale below 1 means that edges are missing.
+exact one. The program prints the scale and the cosine for each kind of triangle and of colour. The
+scale is the factor by which the exact gradient comes nearest to the measured one; below 1, edges
+are missing.
 """
 
 from dataclasses import replace
@@ -27,7 +28,7 @@ KINDS = {
     "slivers of 0.1 px": (0.0, 0.1),
     "slivers of 0.03 px": (0.0, 0.03),
 }
-"""Side of a regular triangle, or the height of a sliver 6 px long, in pixels."""
+"""Side of a regular triangle, or else the height of a sliver 6 px long; both in pixels."""
 
 
 def scene_of(rng: np.random.Generator, side: float, height: float | None, corners: int) -> sr.Scene:
@@ -60,7 +61,7 @@ def gradient_of(scene: sr.Scene, coverage: sr.Hard | sr.Area, weights: np.ndarra
 
 
 def measure(side: float, height: float | None, corners: int) -> tuple[float, float]:
-    """Scale and cosine of the gradient at 16 samples per pixel."""
+    """Scale and cosine, to the exact one, of the gradient at 16 samples per pixel."""
     product = exact = found = 0.0
     for seed in range(REPEATS):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Gradient by DEODR, which blends edges over `sigma` pixels. Depth gives the painter's order.
+"""Gradient by DEODR, which blends edges over `sigma` pixels; depths encode the painter's order.
 
 **Source:** de La Gorce, Fleet and Paragios, *Model-Based 3D Hand Pose Estimation from Monocular
 Video* (TPAMI 33(9), 2011), section 4.
@@ -14,7 +14,7 @@ from ..common.scenes import Soup
 
 
 class Deodr:
-    """A scene on a canvas `rate` times as large, averaged at the end."""
+    """A scene drawn by DEODR on a canvas `rate` times as wide and high, and then averaged."""
 
     def __init__(self, soup: Soup, rate: int):
         from deodr.differentiable_renderer import Scene2D

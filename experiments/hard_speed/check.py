@@ -15,14 +15,14 @@ TOLERANCE = 2e-6
 
 
 def by_definition(soup: Soup, rate: int) -> NDArray[np.float64]:
-    """`[size, size, 3]`: every sample against every triangle, in float64, from the definition."""
+    """The image `[size, size, 3]` in float64, with every triangle tested at every sample."""
     side = soup.size * rate
     at = (np.arange(side) + 0.5) / rate
     x, y = np.meshgrid(at, at)
     samples = np.broadcast_to(soup.background, (side, side, 3)).astype(np.float64)
     for corners, colors in zip(soup.corners.astype(float), soup.colors.astype(float), strict=True):
         ends = np.roll(corners, -1, axis=0)
-        # Edge k runs from corner k to k+1, and faces corner k+2.
+        # Edge k runs from corner k to corner k+1, opposite corner k+2.
         edges = [
             (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
             for p, q in zip(corners, ends, strict=True)

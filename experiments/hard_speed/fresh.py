@@ -25,9 +25,10 @@ _ROOT = Path(__file__).parents[2]
 def measure(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
     """Seconds and mebibytes of a fresh process that draws one scene, then a similar one.
 
-    `first_s` is scene, plan and first render together, compilation included, after the imports, and
-    `first_render_s` the render alone; `alike_s` is the same for the scene with its triangles moved
-    by half a pixel and other colours; `peak_mib` is the peak of its memory.
+    - `first_s`: scene, plan and first render, compilation included, but not the imports.
+    - `first_render_s`: the first render alone.
+    - `alike_s`: as `first_s`, for the scene with triangles moved by half a pixel and other colours.
+    - `peak_mib`: peak of resident memory.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     environment["JAX_ENABLE_COMPILATION_CACHE"] = "false"
@@ -75,7 +76,7 @@ def _draw_two(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
 def _peak_mib() -> float:
     """Largest resident set of this program so far (Linux).
 
-    Not `getrusage`, whose value survives `exec`, and would be that of the parent process.
+    Not by `getrusage`: its value survives `exec`, so it could be the peak of the parent process.
     """
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) / 1024  # pyright: ignore

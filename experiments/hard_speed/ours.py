@@ -13,10 +13,10 @@ CORES = os.cpu_count() or 1
 
 
 def softras2d(soup: Soup, samples: int) -> Contestant:
-    """Hard mode: time a call of `render` until its image is ready, with a plan made before.
+    """Hard mode: one call of `render` until its image is ready, with a plan made beforehand.
 
-    Binning is part of `render`; the plan only has capacities. The scene has the fewest colours: one
-    per triangle if flat, three channels if opaque.
+    Binning is part of `render`; the plan only has capacities. The scene stores as few colours as
+    possible: one per triangle if flat, and three channels if opaque.
     """
     import softras2d as sr
 

@@ -37,8 +37,9 @@ PACKAGES = (
 class Cell(NamedTuple):
     """One scene: softras2d at all `samples`, the loops at all `loop_samples`.
 
-    The slowest contestants draw fewer scenes, as they scale like the quicker ones: the scalar loop
-    draws those of 512 px, and anti-aliasing on a large canvas draws the scene common to all.
+    The slowest contestants draw fewer scenes, as their times grow like those of the quicker ones:
+    the scalar loop draws only scenes of 512 px, and anti-aliasing on a large canvas only the scene
+    that all contestants draw.
     """
 
     kind: str
@@ -49,7 +50,7 @@ class Cell(NamedTuple):
 
 
 def cells(quick: bool, every: bool = False) -> Iterator[Cell]:
-    """Scenes to draw: every rate on 1000 triangles at 512 px, else 16 samples.
+    """Scenes to draw: all numbers of samples for 1000 triangles at 512 px, else 16 samples.
 
     Without `every`, only the scenes of the targets: all counts of flat opaque triangles at 512 px,
     and 1000 and 100,000 of the others.
@@ -124,7 +125,7 @@ def _row(cell: Cell, one: Contestant, times: Times, rmse: float | None) -> dict[
 
 
 def _rmse(image: np.ndarray, truth: np.ndarray) -> float | None:
-    """The error of an image; None for contestants that draw none, which measure calls alone."""
+    """The RMSE of an image; None for contestants that time calls alone and draw no image."""
     if image.shape != truth.shape:
         return None
     return float(np.sqrt(np.mean((image.astype(np.float64) - truth) ** 2)))

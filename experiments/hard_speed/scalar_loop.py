@@ -32,8 +32,8 @@ def render(soup: Soup, rate: int, threads: int = 1) -> NDArray[np.float32]:
 def _edges(corners, colors, t, rate):
     """Edge functions `A x + B y + C` of one triangle, positive inside, and its colour planes.
 
-    Both over sample indices: sample (i, j) lies at (i, j). Edge k faces corner k, so the values
-    over their sum are the barycentrics.
+    Both are functions of sample indices: sample (i, j) is at (i, j). Edge k is opposite corner k,
+    so the values divided by their sum are the barycentrics.
     """
     edges = np.empty((3, 3))
     for k in range(3):
@@ -56,7 +56,7 @@ def _edges(corners, colors, t, rate):
 
 @nb.njit(cache=True)
 def _fill(corners, colors, background, samples, top, rate, flat, opaque):
-    """Draw all triangles on the sample rows `top ..` that `samples [rows, columns, 3]` holds."""
+    """Draw all triangles into `samples [rows, columns, 3]`, whose first row is sample row `top`."""
     rows, columns, _ = samples.shape
     for j in range(rows):
         for i in range(columns):

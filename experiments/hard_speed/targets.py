@@ -6,7 +6,7 @@ from .times import Entry, Times
 
 
 class Target(NamedTuple):
-    """A row of the table: `met` is None if the question has no target."""
+    """A row of the table; `met` is None if the row has no target."""
 
     question: str
     asked: str
@@ -16,12 +16,12 @@ class Target(NamedTuple):
 
 
 def targets(times: Times, fresh: list[dict[str, Any]]) -> list[Target]:
-    """Rows in the order of the questions; a question whose entries the run lacks is left out."""
+    """Rows in a fixed order; a row whose entries are missing from the run is left out."""
     return [*_against_others(times), *_against_itself(times), *_fresh(fresh)]
 
 
 def _against_others(times: Times) -> list[Target]:
-    """The time of softras2d at 16 samples over that of peers with as many."""
+    """Ratios of the time of softras2d at 16 samples to the times of peers with as many samples."""
     rows = []
     for count, most in ((1000, 0.6), (10_000, 1.0), (100_000, 1.0)):
         own = times.find("softras2d", "16 samples", triangles=count)

@@ -8,7 +8,10 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Entry:
-    """One contestant on one scene, as written by `run.py`; `rmse` is None for calls alone."""
+    """Times of one contestant on one scene, as `run.py` writes them.
+
+    `rmse` is None for contestants that time calls alone.
+    """
 
     kind: str
     triangles: int
@@ -29,7 +32,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Times:
-    """All entries of a run, in the order that they were made."""
+    """All entries of a run, in the order in which they were measured."""
 
     entries: tuple[Entry, ...]
 

@@ -1,4 +1,4 @@
-"""Draw the same detail by every method, and what each variant stores for one pixel."""
+"""Draw one detail of each scene by every method, and what each variant stores for one pixel."""
 
 # pyright: reportMissingImports=false
 

@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
-    """A row and an image for each method; the reference's image last."""
+    """Rows, one for each method, and images by method; the reference is the last image."""
     scene = subjects.read(name)
     truth = subjects.reference(scene, CACHE / "references")
     drawn = list(triangles(scene, subjects.SIZE))
@@ -89,7 +89,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
             "method": method,
             "samples": samples,
             "rmse": float(np.sqrt(((image - truth) ** 2).mean())),
-            # Colours that differ by shading alone are not counted as wrong.
+            # SSAA differs by shading alone, which does not count as wrong.
             "wrong": "" if method == "SSAA" else float((off > 1 / 255).mean()),
             "furthest": float(off.max()),
             "shaded": shaded[method] / covered,
@@ -123,7 +123,7 @@ def measure_times(samples: int) -> list[dict[str, Any]]:
 
 
 def _ground() -> sr.Scene:
-    """The bundled ground plane without its depth, as it hides nothing."""
+    """The bundled ground plane without depth, as no part of it hides another."""
     size = subjects.SIZE
     return replace(scenes.read("ground", height=size, width=size), depth=None)
 

@@ -57,15 +57,15 @@ def flat(scene: sr.Scene) -> sr.Scene:
 
 
 def plan(scene: sr.Scene, samples: int, shading: str, filter: sr.Filter = FILTER) -> sr.Plan:
-    """The plan of a scene; the arguments are all that differs between methods."""
+    """Plan a scene; methods of the package differ only in these arguments."""
     coverage = sr.Hard(samples=samples, shading=shading)  # pyright: ignore[reportArgumentType]
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, filter=filter)
 
 
 def reference(scene: sr.Scene, cache: Path) -> np.ndarray:
-    """The mean of 1024 samples per pixel, each shaded: 256 on twice the canvas, which is halved.
+    """The mean of 1024 samples per pixel, each shaded: 256 on twice the canvas, then halved.
 
-    Cached under `cache`, by the scene's content.
+    The image is stored under `cache`, by a hash of the scene.
     """
     content = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene))
     path = cache / f"{hashlib.sha256(content).hexdigest()[:16]}.npy"

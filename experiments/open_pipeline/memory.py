@@ -28,7 +28,7 @@ def measure() -> dict[str, Any]:
 
 
 def draw_once() -> dict[str, float]:
-    """Draw random triangles whose colours go through a small network, with the gradient; in MiB."""
+    """Draw triangles whose colours a small network computes, with the gradient; return the MiB."""
     import jax
     import jax.numpy as jnp
     import numpy as np

@@ -70,7 +70,7 @@ def scene_of(
 def exact_gradient(scene: sr.Scene, weight: Array) -> Float[np.ndarray, "vertices 2"]:
     """Gradient by positions, by quadrature along edges and over the area.
 
-    It uses no code of the package. `weight`: of each pixel and channel in the loss.
+    It uses no code of the package. `weight` is the weight of each pixel and channel in the loss.
     """
     if scene.colors.shape[2] == 4:
         return edges.position_gradient(scene, np.asarray(weight))
@@ -127,7 +127,7 @@ def rows_of(name: str) -> Iterator[dict[str, Any]]:
 
 
 def compare_with_exact(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-    """Cosine to the exact gradient, and length of the gradient over that of the exact one."""
+    """Cosine to the exact gradient, and the ratio of the length to the exact gradient's length."""
     length, exact_length = np.linalg.norm(gradient), np.linalg.norm(exact)
     return {
         f"{name}_cosine": float(gradient @ exact / (length * exact_length)),

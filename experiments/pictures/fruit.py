@@ -6,10 +6,10 @@ SIDE = 256
 """Side in pixels."""
 
 _SUN = np.array([-0.55, -0.65, 0.53])
-"""Towards the light: x right, y down, z towards the viewer."""
+"""Direction towards the light: x right, y down, z towards the viewer."""
 
 _BALLS = (
-    # x, y of the middle, radius, colour in linear light
+    # Centre (x, y) and radius in pixels, and colour in linear light.
     ((82.0, 132.0), 44.0, (0.62, 0.05, 0.03)),
     ((166.0, 120.0), 52.0, (0.80, 0.33, 0.02)),
     ((126.0, 176.0), 38.0, (0.36, 0.50, 0.06)),
@@ -62,7 +62,7 @@ def _ball(
     half = _SUN + np.array([0, 0, 1.0])
     shine = np.clip(normal @ (half / np.linalg.norm(half)), 0, 1) ** 60
     bounce = 0.10 * np.clip(normal[..., 1], 0, 1)
-    # The stalk's hollow, and specks of the skin.
+    # The hollow around the stalk, and specks on the skin.
     hollow = 1 - 0.5 * np.exp(-((u / radius) ** 2 + (v / radius + 0.75) ** 2) / 0.02)
     specks = 1 + 0.06 * np.sin(0.9 * u + 3 * np.sin(0.31 * v)) * np.sin(1.1 * v)
     body = (0.05 + 0.95 * lit + bounce) * hollow * specks

@@ -1,7 +1,7 @@
 """Write the bundled pictures: `python -m experiments.pictures.make [FOLDER]`.
 
-The files are in `softras2d/pictures`, and a test compares them with this script. Each picture is
-computed with 4 x 4 samples per pixel in linear light.
+The files are in `softras2d/pictures`, and a test checks that this script still writes the same
+files. Each picture is computed with 4 x 4 samples per pixel in linear light.
 """
 
 import sys

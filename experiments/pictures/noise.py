@@ -6,8 +6,8 @@ import numpy as np
 def smooth(ys: np.ndarray, xs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Noise with cells of unit size at all pairs of coordinates, which need not be evenly spaced.
 
-    Cubic B-splines of normal values on the integers; mean 0, deviation about 1. Splines separate,
-    so that a grid of any size takes two products of matrices.
+    It is a cubic B-spline of normally distributed values at the integers, with mean 0 and standard
+    deviation about 1. The spline is separable, so a grid of any size takes two matrix products.
     """
     rows, columns = _weights(ys), _weights(xs)
     values = rng.standard_normal((rows.shape[1], columns.shape[1]))
@@ -18,7 +18,7 @@ def smooth(ys: np.ndarray, xs: np.ndarray, rng: np.random.Generator) -> np.ndarr
 def fractal(
     ys: np.ndarray, xs: np.ndarray, rng: np.random.Generator, octaves: int, gain: float = 0.5
 ) -> np.ndarray:
-    """Octaves of `smooth`, each with cells of half the size and `gain` times the height."""
+    """Sum octaves of `smooth`, each with half the cell size and `gain` times the height."""
     parts = [gain**k * smooth(ys * 2**k, xs * 2**k, rng) for k in range(octaves)]
     return sum(parts, np.zeros((len(ys), len(xs)))) * (1 - gain**2) ** 0.5
 
@@ -40,7 +40,7 @@ def ridged(
 
 
 def look_up(field: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Bilinear values of `field[height, width, ...]`, in cells from its first value; clamped."""
+    """Read `field[height, width, ...]` bilinearly; integer coordinates are its values, clamped."""
     rows = np.clip(rows, 0, field.shape[0] - 1.001)
     columns = np.clip(columns, 0, field.shape[1] - 1.001)
     top, left = rows.astype(np.int32), columns.astype(np.int32)

@@ -7,16 +7,16 @@ from .noise import fractal, look_up, mix, ramp, ridged, smooth
 HEIGHT, WIDTH = 256, 384
 FOCAL_PX, HORIZON_PX, EYE_KM = 400.0, 148.0, 0.07
 SUN = np.array([0.30, 0.178])
-"""Direction of the sun as tangents, right of the middle and above the horizon."""
+"""Direction of the sun as tangents of its angles right of the middle and above the horizon."""
 LIGHT = np.array([0.80, 0.40, 0.12])
-"""Towards the sun (right, up, away). Further to the side than `SUN`, which shows more relief."""
+"""Direction of light (right, up, away); further to the side than `SUN`, to show more relief."""
 NEAREST, FARTHEST, CELL_KM = 2.0, 13.0, 0.009
 HALF_KM = 6.3
-"""How far the land reaches to both sides."""
+"""How far the land reaches to either side, in km."""
 
 
 def valley(samples: int) -> np.ndarray:
-    """Radiance with `samples` x `samples` samples per pixel."""
+    """Radiance, in linear light, with `samples` x `samples` samples per pixel."""
     rng = np.random.default_rng(7)
     rows = (np.arange(HEIGHT * samples) + 0.5) / samples
     columns = (np.arange(WIDTH * samples) + 0.5) / samples
@@ -27,7 +27,7 @@ def valley(samples: int) -> np.ndarray:
     land, distance = fan.seen(up, EYE_KM)
     image = mix(_sky(up, right, clouds), land[..., :3], land[..., 3:])
 
-    # Reflected: the view upwards from as far beneath the surface, row for row; ripples shift rows.
+    # The reflection is the view upwards from as far below the surface. Ripples shift its rows.
     down = np.maximum(-up, 1e-4)
     mirrored, _ = fan.seen(down, -EYE_KM)
     mirrored = mix(_sky(down, right, clouds[::-1]), mirrored[..., :3], mirrored[..., 3:])
@@ -35,7 +35,7 @@ def valley(samples: int) -> np.ndarray:
     water = (up[:, None] < 0) & (away[:, None] < distance)
     image = np.where(water[..., None], _lake(mirrored, away, down, right, samples, rng), image)
     image = _bank(image, rows, columns, rng)
-    # A film's shoulder: bright parts are compressed, and the sun stays within range.
+    # Compress bright parts, as photographic film does, so that the sun stays within range.
     return 1 - np.exp(-1.22 * np.clip(image, 0, None))
 
 
@@ -70,7 +70,7 @@ class _Fan:
         columns = (self.distance[:, None] * right + HALF_KM) / CELL_KM
         self.height = look_up(height, rows, columns)
         color = look_up(color, rows, columns)
-        # Haze fills the valley: its thickness along the way falls with the height looked at.
+        # Haze fills the valley: along a line of sight, it is thinner towards higher ground.
         thickness = 0.115 * (self.distance[:, None] - 1.5) * np.exp(-0.75 * self.height.clip(0))
         clear = np.exp(-thickness)[..., None]
         glow = _glow(np.full(1, 0.10), right)[..., None]
@@ -78,7 +78,7 @@ class _Fan:
         self.color = mix(haze, color, clear)
 
     def seen(self, up: np.ndarray, eye: float) -> tuple[np.ndarray, np.ndarray]:
-        """Colours with alpha `[rows, columns, 4]`, and distances, seen from `eye` km above water.
+        """Colours with alpha `[rows, columns, 4]`, and distances, from an eye `eye` km above water.
 
         Land is hit at the first distance at which it reaches as high as the line of sight.
         """
@@ -207,7 +207,7 @@ def _fir(
     tiers = 9 + tall / 9
     ragged = fractal(fall / 2.6, aside / 4.5, rng, 3, 0.7)
     out = np.abs(aside)[None, :] / tall
-    # A branch hangs: further out, the same tier is found lower.
+    # Branches hang, so the same tier is lower further from the trunk.
     tier = (fall[:, None] / tall) ** 0.85 * tiers - 9 * out + 0.45 * (aside > 0)
     reach = 0.012 + 0.17 * (fall / tall)[:, None] ** 0.9 * (0.55 + 0.45 * (tier % 1.0))
     inside = ramp(reach + 0.011 * ragged - out, 0.0, 0.004)

@@ -1,1 +1,1 @@
-"""Past one device: a huge canvas in tiles, and a million triangles."""
+"""Measure what exceeds one device: a huge canvas in tiles, and a million triangles."""

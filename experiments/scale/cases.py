@@ -1,4 +1,4 @@
-"""The measured cases, each in a process of its own, so that its peak memory is its own."""
+"""The measured cases; each runs in a separate process, so that its peak memory can be read."""
 
 import json
 import resource
@@ -24,10 +24,10 @@ class Case:
     """One measurement.
 
     - `kind`: "canvas" (a tiled image in a file), "strip" (some rows of one), "image" or "gradient".
-    - `side`: of the canvas in pixels; `triangles`: their number.
-    - `coverage`: a name of `COVERAGES`, for triangles.
-    - `samples`: per pixel of a canvas or strip.
-    - `rows`: of pixels of a strip, from the middle of the canvas on.
+    - `side`: side of the canvas, in pixels; `triangles`: number of triangles.
+    - `coverage`: a name of `COVERAGES`, for an image or a gradient.
+    - `samples`: samples per pixel, for a canvas or strip.
+    - `rows`: rows of pixels of a strip, from the middle of the canvas downwards.
     """
 
     kind: str
@@ -55,12 +55,12 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def measure_canvas(case: Case) -> dict[str, Any]:
-    """Plan a canvas, and draw it into a TIFF."""
+    """Plan a canvas or strip, and draw it into a TIFF; return times in seconds, and sizes."""
     scene = random_scene(case.triangles, case.side, case.side / 400)
     began, began_wall = time.process_time(), time.perf_counter()
     drawn: dict[str, Any] = {"height": case.side}
     if case.rows is not None:
-        # So wide a strip has the snapping grid of the whole canvas.
+        # The strip is as wide as the canvas, so vertices snap to the same grid.
         drawn = {"height": case.rows, "origin": (0, case.side // 2)}
     plan = sr.plan_tiles(scene, width=case.side, coverage=sr.Hard(case.samples), **drawn)
     planned = time.process_time()

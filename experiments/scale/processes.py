@@ -43,7 +43,7 @@ def write_crops(folder: Path) -> None:
 
 
 def fit(pictures: Path, output: Path, processes: int, budget: Sequence[str]) -> None:
-    """Fit the folder in some processes at once, each on one of the cores."""
+    """Fit the folder in several processes at once, each bound to one of the cores."""
     command = [sys.executable, "-m", "softras2d", "fit-batch", str(pictures), "-o", str(output)]
     command += ["-n", "60", "--size", str(CROP), "--batch", "4", *budget]
     if processes > 1:
@@ -75,7 +75,7 @@ def compare(folder: Path, processes: int, expected_files: dict[str, bytes]) -> l
     files = {path.name: path.read_bytes() for path in by_steps.iterdir()}
     expected_files.update(files if processes == 1 else {})
     differing = sum(files.get(name) != content for name, content in expected_files.items())
-    # Processes that share a core get as much of it in the end.
+    # Processes that share a core run longer, so that each gets as much processor time.
     seconds = SECONDS * max(1, processes // len(CORES))
     fit(folder / "pictures", by_seconds, processes, ["--seconds", str(seconds)])
     psnr, first = scores(by_seconds), scores(folder / "seconds1")

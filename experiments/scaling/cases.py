@@ -12,9 +12,11 @@ from ..common.scenes import Soup, random_soup
 class Case:
     """Random triangles, and how they are drawn.
 
-    - `kind`: as in `random_soup`; `triangles` of each scene on `size_px` x `size_px` pixels.
-    - `overdraw`: the triangles' summed area over that of the canvas.
-    - `samples`: per pixel; `batch`: number of scenes in one call, by `vmap`.
+    - `kind`: as in `random_soup`.
+    - `triangles`: number of triangles in each scene, on `size_px` x `size_px` pixels.
+    - `overdraw`: summed area of the triangles over the area of the canvas.
+    - `samples`: samples per pixel.
+    - `batch`: number of scenes in one call, by `vmap`.
     """
 
     kind: str = "flat"

@@ -23,9 +23,9 @@ class Fit(NamedTuple):
 
 
 def fit(sizes: Sequence[float], costs: Sequence[float]) -> Fit | None:
-    """Least squares over the upper half of the range of sizes, on a log scale; None for one size.
+    """Fit by least squares over the upper half of the sizes, on a log scale; None for one size.
 
-    The half begins at the geometric mean of the least and the greatest.
+    The upper half begins at the geometric mean of the least and the greatest.
     """
     middle = np.sqrt(min(sizes) * max(sizes)) if sizes else 0.0
     # Rounding must not exclude the size in the middle.

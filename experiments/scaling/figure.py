@@ -64,7 +64,7 @@ def axes_of(rows: list[Row]) -> list[str]:
 
 
 def draw_growth(rows: list[Row]) -> Figure:
-    """Panels of times above panels of memory, three axes in a row."""
+    """Draw panels of time above panels of memory, three axes in a row."""
     names = axes_of(rows)
     across = min(3, len(names))
     blocks = -(-len(names) // across)
@@ -96,7 +96,7 @@ def _draw_growth(axes: Any, rows: list[Row], name: str, cost: str) -> None:
             axes.plot(ends, [_fitted(found, size) for size in ends], color="black", linewidth=1.2)
     axes.set(xscale="log", yscale="log", xlabel=LABELS[name])
     low, high = axes.get_ylim()
-    # Space for the legend above the lines, and at least a decade, so that slopes look comparable.
+    # Leave space for the legend above the lines, and show at least a decade, to compare slopes.
     high = max(high, 10 * low)
     axes.set_ylim(low, high * (high / low) ** 0.35)
     axes.grid(alpha=0.3)
@@ -119,7 +119,7 @@ def _plain(value: float, _: Any) -> str:
 
 
 def draw_ways(rows: list[Row]) -> Figure:
-    """A panel of bars for each scene: time to find visible triangles, and to average colours."""
+    """A panel of bars per scene: time to compute visible triangles, and time to average colours."""
     scenes = list(dict.fromkeys(r["scene"] for r in rows))
     ways = list(dict.fromkeys(r["way"] for r in rows))
     figure, grid = pyplot.subplots(

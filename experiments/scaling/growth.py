@@ -23,8 +23,8 @@ WHAT = ("image", "gradient")
 class Program:
     """A compiled function with its arguments, and how long it took to compile.
 
-    `memory` in bytes: arguments, results and temporaries, as the compiler lays them out;
-    `argument_memory`: of the arguments.
+    - `memory`: bytes of arguments, results and temporaries, as the compiler lays them out.
+    - `argument_memory`: bytes of the arguments.
     """
 
     def __init__(self, function: Callable[..., Any], *arguments: Any):
@@ -48,7 +48,7 @@ class Program:
 
 
 class Drawing:
-    """The scenes of a case and their plan, which took `plan_s` to make."""
+    """The scenes of a case and their plan, which took `plan_s` seconds to make."""
 
     def __init__(self, case: Case):
         scenes = [package_scene(soup) for soup in soups(case)]
@@ -67,7 +67,7 @@ class Drawing:
         self.over_batch = case.batch > 1
 
     def program(self, what: str) -> Program:
-        """`"image"`: image and overflow flag. `"gradient"`: by positions and colours."""
+        """Compile `"image"` (with overflow flag) or `"gradient"` (by positions and colours)."""
         return self._image() if what == "image" else self._gradient()
 
     def _image(self) -> Program:
@@ -111,9 +111,9 @@ def measure_axis(
 
 
 def _foreseen(rows: list[dict[str, Any]], size: float) -> dict[str, float]:
-    """Estimated seconds of a call at `size`, in proportion to the last size.
+    """Estimated seconds of a call at `size`, in proportion to the time at the last size.
 
-    Infinite if the last one was left out.
+    Infinite if the last size was left out.
     """
     last = {row["what"]: row for row in rows}
     return {

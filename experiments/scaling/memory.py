@@ -21,13 +21,13 @@ _ROOT = Path(__file__).parents[2]
 
 
 def measure(what: str, case: Case) -> dict[str, Any]:
-    """Mebibytes of a process that draws one case once.
+    """Memory, in MiB, of a process that draws one case once.
 
     - `program_mib`: arguments, results and temporaries, as the compiler lays them out.
     - `arguments_mib`: the arguments, which the process has before the call.
     - `grown_mib`: how far the resident set grew above its size before the call.
-    - `imported_mib`: after the imports; `process_mib`: the peak, planning and
-      compiling included.
+    - `imported_mib`: the resident set after the imports.
+    - `process_mib`: the peak of the process, planning and compiling included.
     """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     environment["JAX_ENABLE_COMPILATION_CACHE"] = "false"

@@ -73,7 +73,7 @@ def _inside(line, at):
 
 @compiled
 def box_by_rows(edges, boxes, owner):
-    """Every sample of the bounding box, row after row: the compiler tests several at once."""
+    """Test every sample of the bounding box, row after row: the compiler tests several at once."""
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
         for j in range(top, bottom + 1):
@@ -85,7 +85,7 @@ def box_by_rows(edges, boxes, owner):
 
 @compiled
 def box_by_columns(edges, boxes, owner):
-    """Every sample of the bounding box, column after column."""
+    """Test every sample of the bounding box, column after column."""
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
         for i in range(left, right + 1):
@@ -97,7 +97,7 @@ def box_by_columns(edges, boxes, owner):
 
 @compiled
 def _one_by_one(edges, boxes, owner, patience):
-    """Rows of the bounding box, each left `patience` samples after the triangle's far side.
+    """Test rows of the bounding box, each up to `patience` samples past the triangle's far side.
 
     The compiler does not vectorise a loop that may break.
     """
@@ -118,7 +118,7 @@ def _one_by_one(edges, boxes, owner, patience):
 
 @compiled
 def box_one_by_one(edges, boxes, owner):
-    """Every sample of the bounding box, row after row, but none of them side by side."""
+    """Test every sample of the bounding box, row after row, one sample at a time."""
     _one_by_one(edges, boxes, owner, 1 << 30)
 
 
@@ -139,7 +139,7 @@ def _first_inside(value, step):
 
 @compiled
 def _interval(row, first, last):
-    """The samples of `first..last` that lie inside, one interval as triangles are convex."""
+    """The samples of `first..last` inside a triangle; they form one interval, as it is convex."""
     for value, step in row:
         if step > 0:
             first = max(first, _first_inside(value, step))
@@ -152,7 +152,7 @@ def _interval(row, first, last):
 
 @compiled
 def spans(edges, boxes, owner):
-    """The ends of each row's interval from the edges, without tests of samples between."""
+    """Compute the ends of each row's interval from the edges, and test no samples in between."""
     for t in range(boxes.shape[0]):
         left, right, top, bottom = boxes[t]
         for j in range(top, bottom + 1):
@@ -191,7 +191,7 @@ def _write(samples, word, t):
 
 @compiled
 def bit_masks(edges, boxes, owner):
-    """Front to back, with a bit per sample, so that 32 hidden samples are skipped at once."""
+    """Draw front to back with a bit per covered sample, so that 32 are skipped at once."""
     covered = np.zeros((owner.shape[0], owner.shape[1] // TILE), np.uint32)
     for t in range(boxes.shape[0] - 1, -1, -1):
         left, right, top, bottom = boxes[t]
@@ -261,7 +261,7 @@ def _see(edges, boxes, t, column, row, covered, seen):
 
 @compiled
 def tile_lists(edges, boxes, owner):
-    """Masks tile by tile, front to back through the tile's list, until the tile is full."""
+    """Draw by bit masks tile by tile, front to back, until all samples of a tile are covered."""
     tiles = owner.shape[0] // TILE
     start, index = list_tiles(edges, boxes, tiles)
     covered, seen = np.empty(TILE, np.uint32), np.empty(TILE, np.uint32)

@@ -16,7 +16,7 @@ from ..hard_speed import ours
 from . import traversal
 from .cases import with_overdraw
 
-# Names of the figure and the tables.
+# Methods by their names in the figure and the tables.
 LOOPS: dict[str, Callable[..., None]] = {
     "bounding box, by columns": traversal.box_by_columns,
     "bounding box, by rows": traversal.box_by_rows,
@@ -91,7 +91,7 @@ class Table(NamedTuple):
         return self.image
 
     def count(self) -> NDArray[np.float32]:
-        """The image, without storing samples."""
+        """The image by counted tile lists, without storing samples."""
         shapes = self.shapes()
         traversal.tile_lists_counted(*shapes, self.colors, self.soup.background, self.image)
         return self.image
@@ -101,9 +101,9 @@ def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
     """A row for every way to draw the scene.
 
     `find_ms` is the time until the triangle in front of every sample is known, edges and boxes
-    (`set_up_ms` of it) included; `resolve_ms` is that of averaging their colours, which is the
-    same for all loops; methods that do both at once have `find_ms` alone. Counts of samples are
-    those of the scene.
+    (`set_up_ms` of it) included. `resolve_ms` is the time of averaging their colours, which is the
+    same for all loops. Methods that do both at once have `find_ms` alone. Counts of samples belong
+    to the scene, not to the method.
     """
     table = Table.of(soup)
     package = ours.softras2d(soup, traversal.RATE**2)

@@ -52,13 +52,13 @@ def tiling() -> sr.Scene:
 
 
 def draw(scene: sr.Scene, coverage: Any) -> np.ndarray:
-    """The image in float64."""
+    """Draw the image; return it in float64."""
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage)
     return np.asarray(sr.render(scene, plan), np.float64)
 
 
 def picture(images: dict[str, np.ndarray], reference: np.ndarray) -> Figure:
-    """Images above, their differences to the reference below, on one scale."""
+    """Draw the images, and below them their differences to the reference, on one colour scale."""
     figure, panels = pyplot.subplots(2, 5, figsize=(13, 5.6), layout="constrained")
     for axes in panels.flat:
         axes.set(xticks=[], yticks=[])

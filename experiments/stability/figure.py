@@ -32,7 +32,7 @@ def publish(results: Path, readme: Path) -> None:
 
 
 def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and lines: a case each, `value; worst product` under every mode."""
+    """Header and lines of the table of cases: `image; worst product` under every mode."""
     modes = list(dict.fromkeys(r["mode"] for r in rows))
     lines = []
     for name in dict.fromkeys(r["case"] for r in rows):
@@ -44,7 +44,7 @@ def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
 
 
 def _degenerate_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and lines: a kind each, `jvp - vjp; largest entry`, the worst of all widths."""
+    """Header and lines, one per kind: `jvp - vjp; largest entry`, the worst of all widths."""
     modes, lines = list(dict.fromkeys(r["mode"] for r in rows)), []
     for name in dict.fromkeys(r["case"] for r in rows):
         line = [name]
@@ -93,7 +93,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     shifts = list(dict.fromkeys(int(r["shift_px"]) for r in rows))
     modes = list(dict.fromkeys(r["mode"] for r in rows))
     for axis, key in zip(axes, ("value", "gradient"), strict=True):
-        # Open markers, so that modes that agree show through each other.
+        # Open markers, so that equal values of several modes stay visible.
         for mode, marker, color in zip(modes, _MARKERS, COLORS, strict=False):
             errors = [float(r[key]) for r in rows if r["mode"] == mode]
             axis.plot(shifts, errors, marker=marker, color=color, fillstyle="none", label=mode)

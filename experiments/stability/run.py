@@ -26,12 +26,12 @@ SHIFTS = tuple(10**power for power in range(7))
 
 
 def case_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """Each case under each mode."""
+    """Errors of each case under each mode, one row each."""
     return _measured(CASES, modes, measure, "cases")
 
 
 def attribute_rows() -> list[dict[str, Any]]:
-    """Each case of triangles with corner colours, textures, perspective and depth."""
+    """Errors of each case with corner colours, textures, perspective and depth."""
     return _measured(
         stability_attributes.CASES,
         list(stability_attributes.MODES),
@@ -41,7 +41,7 @@ def attribute_rows() -> list[dict[str, Any]]:
 
 
 def degenerate_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """Triangles without area, or hardly any: jvp against vjp, and how large gradients get."""
+    """Triangles with little or no area: difference of jvp and vjp, and the largest gradient."""
     rows = []
     for mode in progress.steps(modes, "degenerate triangles"):
         for row in stability_degenerate.measure(mode):
@@ -64,7 +64,7 @@ def _measured(
 
 
 def shift_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """An ordinary scene and its origin moved together."""
+    """Errors of an ordinary scene that is moved together with its origin."""
     rows = []
     for mode, shift in progress.steps([(m, s) for m in modes for s in SHIFTS], "shifts"):
         errors, _ = moved(mode, shift, on_grid=False)
@@ -75,7 +75,7 @@ def shift_rows(modes: list[str]) -> list[dict[str, Any]]:
 
 
 def sum_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """Bias of the gradient of one long sum."""
+    """Bias of the gradient of a sum over a large image, under each mode."""
     rows = []
     for mode in progress.steps([mode for mode in modes if mode in LONG_MODES], "long sums"):
         by_color, by_corners = long_sum(mode)
@@ -84,7 +84,7 @@ def sum_rows(modes: list[str]) -> list[dict[str, Any]]:
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    """The table of cases, on the terminal."""
+    """Print the table of cases on the terminal."""
     header, lines = figure.case_table(rows)
     table = Table(*header, title="value; worst of gradient, jvp and Gauss-Newton product")
     for line in lines:
@@ -96,7 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--modes", default=",".join(MODES))
     modes = parser.parse_args().modes.split(",")
-    # As in the tests.
+    # The tests use the same setting.
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     began, results = time.perf_counter(), HERE / "results"
     rows = case_rows(modes)

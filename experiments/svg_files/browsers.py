@@ -19,11 +19,11 @@ DRAWINGS = sorted((HERE / "drawings").glob("*.svg"))
 PACKAGES = ("softras2d", "jax", "numpy", "shapely", "fonttools", "tinycss2", "cssselect2")
 
 FAR = 24 / 255
-"""Difference of a channel that antialiasing alone causes in few pixels."""
+"""Difference of a channel, in 0..1, that antialiasing alone exceeds in few pixels."""
 
 
 def measure(path: Path, browser: str) -> tuple[dict[str, Any], np.ndarray]:
-    """A row about one drawing; and our image, Chromium's and their difference, side by side."""
+    """Draw one file. Return a row, and our image, Chromium's and the difference side by side."""
     height, width = (2 * side for side in svg_size(path))
     scene = sr.read_svg(path, height=height, width=width)
     plan = sr.plan(scene, height=height, width=width, coverage=sr.Hard(samples=16))

@@ -23,10 +23,10 @@ SIDE = 120
 STAGES = (
     *((sr.Soft(width=2.0), 30),) * 6, *((sr.Area(), 40),) * 4,
 )  # fmt: skip
-"""Coverage and number of steps, after which the moved drawing is triangulated anew."""
+"""Coverage and number of steps of each stage; after it, the drawing is triangulated again."""
 
 LEARNING_RATE = 0.25
-"""Of Adam, in units of the drawing."""
+"""Learning rate of Adam, in units of the drawing."""
 
 
 def image_of(scene: sr.Scene) -> jax.Array:

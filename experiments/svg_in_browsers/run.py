@@ -49,7 +49,7 @@ def fitted(name: str, folder: Path) -> sr.FitResult:
 
 
 def polygons_alone(path: Path) -> str:
-    """A written file with flat polygons alone as fallback, without gradients and seams."""
+    """Text of a written file whose fallback is flat polygons, without gradients and seam lines."""
     text = re.sub(r"<(style|defs|g) data-fallback.*?</\1>\n", "", path.read_text(), flags=re.DOTALL)
     text = re.sub(r"<path data-fallback.*\n", "", text)
     text = re.sub(r'</?g( class="softras2d-tiling")?>\n', "", text)
@@ -67,7 +67,7 @@ def _mean_polygon(match: re.Match[str]) -> str:
 
 
 def measure(name: str, folder: Path, browser: str) -> dict[str, Any]:
-    """A row: PSNR in dB between the browser's picture and the fit's image, and file sizes."""
+    """A row: PSNR, in dB, of the browser's pictures to the fit's image, and sizes of the files."""
     result = fitted(name, folder)
     height, width = result.height, result.width
     reference = np.clip(result.image[..., :3], 0.0, 1.0)

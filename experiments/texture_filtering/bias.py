@@ -22,7 +22,7 @@ HERE = Path(__file__).parent
 
 
 def measure() -> list[dict[str, Any]]:
-    """A row for each scene, number of samples, and bias: none, half the spacing's, all of it."""
+    """A row for each scene, number of samples, and bias: zero, half way, or all the way."""
     scenes = subjects.load(SEED)
     rows = []
     for names in (subjects.FLAT, (subjects.GROUND,)):
@@ -30,7 +30,7 @@ def measure() -> list[dict[str, Any]]:
             program = Program(
                 [scenes[name] for name in names], Method("bilinear", "linear", 1, samples)
             )
-            # The spacing of samples is a pixel over the root of their number.
+            # The spacing of samples is a pixel divided by the root of their number.
             spacing = 0.5 * math.log2(samples)
             for bias in (0.0, -0.5 * spacing, -spacing):
                 value = jnp.asarray(bias, jnp.float32)

@@ -27,9 +27,9 @@ from .footprints import Footprints
 class Ewa(NamedTuple):
     """Parameters of the filter.
 
-    - `radius`: of the disc in pixels; 1 is Heckbert's.
-    - `least`: texels across the shorter axis.
-    - `ratio`: greatest ratio of the axes; a rounder ellipse blurs along its short side.
+    - `radius`: radius of the disc, in pixels; Heckbert's is 1.
+    - `least`: least length of the shorter axis, in texels.
+    - `ratio`: greatest ratio of the axes. To stay below it, the ellipse is widened, which blurs.
     """
 
     radius: float
@@ -75,7 +75,7 @@ def _filter(texels, levels, textures, uvs, jacobians, repeat, radius, least, rat
             colors[i] = texels[offset]
             reads[i] = tests[i] = 1
             continue
-        # From texels of the base level to those of the level.
+        # Converts texels of the base level to texels of this level.
         scale = (width / table[0, 2]) ** 2
         xx, xy, yy = _widen(xx * scale, xy * scale, yy * scale, 1.0)
         determinant = xx * yy - xy * xy
@@ -118,12 +118,12 @@ def _ellipse(jacobian, radius, ratio):
 
 @nb.njit(cache=True)
 def _widen(xx, xy, yy, least):
-    """The ellipse with semi-axes of at least `least`."""
+    """The matrix of the ellipse after its semi-axes are lengthened to at least `least`."""
     middle, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
     long, short = max(middle + spread, least * least), max(middle - spread, least * least)
     if spread == 0.0:
         return long, 0.0, long
-    # The unit matrix and the traceless one of the old ellipse, weighted anew.
+    # The new matrix is a weighted sum of the unit matrix and the old matrix's traceless part.
     part = 0.5 * (long - short) / spread
     half = 0.5 * (long + short)
     return half + part * 0.5 * (xx - yy), part * xy, half - part * 0.5 * (xx - yy)

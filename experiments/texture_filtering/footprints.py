@@ -12,8 +12,8 @@ from .subjects import SIZE
 class Footprints(NamedTuple):
     """The footprint of every pixel, `[height, width]`.
 
-    - `surface`: the pair of triangles, or the plane, visible at its centre; -1: background.
-    - `texture`: the index of its texture.
+    - `surface`: the pair of triangles, or the plane, visible at the pixel's centre; -1: background.
+    - `texture`: index of the texture of that surface.
     - `uv`: `[..., 2]`, in 0..1 across the image.
     - `jacobian`: `[..., 2, 2]`, base texels along (u, v) for a step of one pixel along (x, y).
     - `interior`: whether no edge of the surface crosses the pixel.
@@ -32,7 +32,7 @@ class Footprints(NamedTuple):
 
 
 def footprints(scene: sr.Scene, *, plane: bool) -> Footprints:
-    """Footprints of a scene of pairs of triangles, or of one `plane`; later triangles in front."""
+    """Footprints of a scene of triangle pairs, or of one `plane`; later triangles lie in front."""
     centres = np.stack(np.meshgrid(*[np.arange(SIZE) + 0.5] * 2), axis=-1)
     borders = np.stack(np.meshgrid(*[np.arange(SIZE + 1.0)] * 2), axis=-1)
     owner, weights = _owners(scene, centres)

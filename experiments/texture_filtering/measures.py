@@ -1,4 +1,4 @@
-"""Measures of an image: its error, and the share of a zone plate that becomes moire."""
+"""Measures of an image: its error, and the share of a zone plate's energy that is moire."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ ZONE_TEXELS = 320
 
 
 def rmse(image: np.ndarray, reference: np.ndarray, where: np.ndarray | None = None) -> float:
-    """Root of the mean squared difference over pixels (those of a mask) and channels."""
+    """Root of the mean squared difference over all channels and pixels, or the pixels of a mask."""
     square = (np.asarray(image, np.float64) - reference) ** 2
     return float(np.sqrt((square if where is None else square[where]).mean()))
 
@@ -17,8 +17,8 @@ def rmse(image: np.ndarray, reference: np.ndarray, where: np.ndarray | None = No
 def beyond_nyquist() -> np.ndarray:
     """Pixels of the zone plate where its waves are shorter than two pixels along x or y.
 
-    At x pixels from the middle they have x s^2 / (2 n) periods per pixel along x, for n texels in a
-    quarter and s texels per pixel.
+    At x pixels from the middle the waves have x s^2 / (2 n) periods per pixel along x, for n texels
+    in a quarter and s texels per pixel.
     """
     texels_per_pixel = 2 * ZONE_TEXELS / SIZE
     along = np.abs(np.arange(SIZE) + 0.5 - SIZE / 2)
@@ -29,9 +29,9 @@ def beyond_nyquist() -> np.ndarray:
 def moire(image: np.ndarray, reference: np.ndarray, texture: np.ndarray) -> float:
     """The share of the zone plate's energy that is aliased.
 
-    Beyond the Nyquist frequency all variation is aliasing. The measure is the variance there, less
-    that of the reference (a box filter passes a little), over the variance of the texture. It is
-    negative if a filter passes less than the reference.
+    Beyond the Nyquist frequency all variation is aliasing. The measure is the variance there,
+    minus the variance of the reference (a box filter passes a little), divided by the variance of
+    the texture. It is negative if a filter passes less than the reference.
     """
     false = beyond_nyquist()
     excess = image[false].astype(np.float64).var() - reference[false].var()

@@ -42,8 +42,8 @@ YARDSTICK = Method("bilinear", "zero", 1, 1)
 def methods(quick: bool = False) -> Iterator[Method]:
     """Every pixel filter, level rule and number of samples; then anisotropic ones.
 
-    All numbers of probes are drawn at one sample; at more samples only 4 and 16 probes. `quick` has
-    four filters at one sample.
+    At one sample per pixel, all numbers of probes are drawn; at more samples, only 4 and 16 probes.
+    `quick` has four filters at one sample.
     """
     samples = (1,) if quick else SAMPLES
     for pixel in ("nearest", "bilinear"):

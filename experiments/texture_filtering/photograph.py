@@ -25,7 +25,7 @@ COPIES = (
     (224.0, 256.0, 24.0, -30.0),
     (266.0, 258.0, 16.0, 5.0),
 )
-"""Middle (x, y) and side in pixels, and degrees by which each copy is turned."""
+"""Middle (x, y) and side of each copy, in pixels, and the degrees by which it is turned."""
 
 
 def picture(seed: int, count: int = 6000) -> np.ndarray:

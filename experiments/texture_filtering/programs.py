@@ -25,12 +25,12 @@ class Program:
 
     @property
     def traffic(self) -> float:
-        """Bytes that all kernels read and write, by the compiler; a loop's body counts once."""
+        """Bytes that all kernels read and write, by the compiler's count; a loop counts once."""
         analysis = self._compiled.compiled.cost_analysis() or {}
         return analysis.get("bytes accessed", float("nan"))
 
     def run(self, scene: sr.Scene) -> None:
-        """Draw once, to the end."""
+        """Draw once, and wait until the image is ready."""
         jax.block_until_ready(self._compiled(scene, self.plan))
 
     def draw(self, scene: sr.Scene, plan: sr.Plan | None = None) -> np.ndarray:

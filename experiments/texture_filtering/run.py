@@ -30,7 +30,7 @@ SEED = 0
 TIMED = ("stretched", subjects.GROUND)
 """Scenes that are timed: an affine one and one in perspective."""
 MOST_TEXELS = 512
-"""Limit of texels per pixel; 16 probes at 16 samples would take longest, with 2,048."""
+"""Methods that read more texels per pixel are not timed: 16 probes at 16 samples read 2,048."""
 
 
 class Run:
@@ -49,7 +49,7 @@ class Run:
         print(f"{time.time() - self.began:5.0f} s  {what}", flush=True)
 
     def measure(self, scenes: dict[str, sr.Scene], names: Sequence[str]) -> None:
-        """All measurements of scenes of one structure."""
+        """Make all measurements of scenes that have one structure."""
         for name in names:
             self.references[name] = subjects.reference(scenes[name], CACHE / "references")
             self.say(f"reference of {name}")

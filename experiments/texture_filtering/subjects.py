@@ -14,7 +14,7 @@ from . import photograph
 
 SIZE = 300
 FLAT = ("zone_plate", "minified", "photograph", "stretched", "magnified")
-"""Scenes of affine maps, with one footprint for each triangle."""
+"""Scenes whose texture maps are affine, with one footprint for each triangle."""
 GROUND = "ground"
 """The only scene in perspective."""
 
@@ -22,7 +22,7 @@ GROUND = "ground"
 def load(seed: int) -> dict[str, sr.Scene]:
     """All scenes; the affine ones have one structure, so that they share compiled programs."""
     flat = _share_structure([_read(name, seed) for name in FLAT])
-    # Without depth, as one surface hides nothing and the depth test would add to the time.
+    # Without depth: a single surface hides nothing, and the depth test would add to the time.
     ground = replace(_read(GROUND, seed), depth=None)
     return dict(zip(FLAT, flat, strict=True)) | {GROUND: ground}
 
@@ -62,7 +62,7 @@ def _read(name: str, seed: int) -> sr.Scene:
 
 
 def _share_structure(found: list[sr.Scene]) -> list[sr.Scene]:
-    """The same images from arrays of equal shapes, with all textures and with hidden triangles."""
+    """Make arrays of scenes equal in shape, by all textures and hidden triangles in each scene."""
     most = max(scene.triangles.shape[0] for scene in found)
     pyramid = sr.TexturePyramid.build([base(scene) for scene in found])
     same = []

@@ -15,7 +15,7 @@ _TIMED = ("stretched", subjects.GROUND)
 _SCENES = (*subjects.FLAT, subjects.GROUND)
 
 BIAS_OF = {"4": 1.0, "16": 2.0}
-"""Mip levels between the spacing of pixels and that of samples."""
+"""Mip levels between the spacing of pixels and the spacing of samples, by number of samples."""
 
 
 def publish(results: Path, readme: Path | None) -> None:
@@ -66,7 +66,7 @@ def _ratio(row: dict[str, Any]) -> str:
 
 
 def compared_table(rows: list[dict[str, Any]]) -> str:
-    """Anisotropic filters on both scenes."""
+    """Probes and EWA on both scenes, one row per filter."""
     scenes = dict.fromkeys(row["scene"] for row in rows)
     found = {(row["scene"], row["filter"]): row for row in rows}
     lines = []

@@ -22,7 +22,7 @@ BATCH, BATCHES, SEED = 16, (1, 4, 16, 64), 0
 VMAP, MAP, LOOP, DENSE, DENSE_MAP = "vmap", "lax.map", "loop", "dense, vmap", "dense, lax.map"
 
 Draw = Callable[[Array, Array], Array]
-"""From the corners and colours of one scene to its image."""
+"""A function that maps the corners and colours of one scene to its image."""
 
 
 def batch_of(
@@ -41,9 +41,9 @@ def draw_with(plan: sr.Plan, corners: Array, colors: Array) -> Array:
 
 
 def gradient_of(draw: Draw, target: Array, over_batch: Callable[..., Any]) -> Callable[..., Any]:
-    """Compiled gradient, by corners and colours, of the mean squared error of a batch.
+    """Compile the mean squared error of a batch and its gradient by corners and colours.
 
-    `over_batch(draw, corners, colors)` returns the images.
+    `over_batch(draw, corners, colors)` returns the images of the batch.
     """
 
     def loss(corners: Array, colors: Array) -> Array:
@@ -75,7 +75,7 @@ def loop_of(gradient: Callable[..., Any], corners: Array, colors: Array) -> Call
 
 
 def target_of(size: int) -> Float[Array, "size size 3"]:
-    """White noise."""
+    """The target image: white noise in 0..1."""
     return jnp.asarray(np.random.default_rng(1).random((size, size, 3)), jnp.float32)
 
 

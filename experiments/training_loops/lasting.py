@@ -22,7 +22,7 @@ CANVAS: dict[str, Any] = {"height": motion.SIZE_PX, "width": motion.SIZE_PX}
 
 Parameters = tuple[Float[Array, "triangles 3 2"], Float[Array, "triangles 3"]]
 Draw = Callable[[Array, Array], tuple[Array, Array]]
-"""From corners and colours to an image and whether a plan was outgrown."""
+"""A function that maps corners and colours to an image and whether the plan was outgrown."""
 
 
 class Checks(NamedTuple):
@@ -31,8 +31,8 @@ class Checks(NamedTuple):
     - `loss`: mean squared error.
     - `overflow`: whether the scene outgrew its plan.
     - `finite`: whether loss, gradient and parameters are finite.
-    - `covered`: summed area of the triangles, in canvases.
-    - `outside`: share of the triangles with all corners outside the canvas.
+    - `covered`: summed area of the triangles, in areas of the canvas.
+    - `outside`: share of the triangles that have all corners outside the canvas.
     """
 
     loss: Float[Array, ""]
@@ -63,7 +63,7 @@ def draw_dense(corners: Array, colors: Array) -> tuple[Array, Array]:
 
 
 def training_step(draw: Draw, target: Array, steps: int) -> Callable[..., Any]:
-    """One compiled step of Adam: parameters, its state and the step's number to new ones."""
+    """Compile one step of Adam, which maps parameters, state and step number to new ones."""
     optimizer = optax.adam(0.5)
     motion_at = motion.motion(steps)
 
@@ -110,7 +110,7 @@ class Loop:
     """A training loop with one compiled program, advanced some steps at a time.
 
     - `compiled`: number of programs compiled in the first step, and in all later ones.
-    - `first_step_s`, `cpu_s`: processor time of the first step, and of all later ones.
+    - `first_step_s`, `cpu_s`: processor seconds of the first step, and of all later ones.
     """
 
     def __init__(self, draw: Draw, target: Array, steps: int, compilations: Compilations):
@@ -165,7 +165,7 @@ def summary(history: list[Checks]) -> dict[str, Any]:
 def run_replanning(
     coverage: Any, target: Array, steps: int, compilations: Compilations
 ) -> dict[str, Any]:
-    """The same loop with `value_and_grad_replanning`; compilations are part of its time."""
+    """Run the loop with `value_and_grad_replanning`; its time includes all compilations."""
     motion_at = jax.jit(motion.motion(steps))
 
     def scene_at(parameters: Parameters, scale: Array, shift: Array) -> sr.Scene:
@@ -205,9 +205,10 @@ TURN = 50
 
 
 def measure(steps: int, compilations: Compilations) -> dict[str, Any]:
-    """Rows by name: a plan for any positions, the default plan, the dense program, replanning.
+    """Run all loops; return their rows by name.
 
-    The loops with one program take turns.
+    Loops have a plan for any positions, the default plan, the dense rasterizer, or replanning. The
+    loops with one program take turns.
     """
     target = motion.star()
     draws: dict[str, Draw] = {}

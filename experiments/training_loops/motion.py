@@ -14,14 +14,14 @@ LARGEST, FARTHEST = 6.0, 2.5
 """Factor by which triangles grow about their centres, and their furthest shift in canvas sides."""
 
 Motion = Callable[[Array], tuple[Float[Array, ""], Float[Array, ""]]]
-"""The scale and shift of a step."""
+"""A function that maps a step to the scale of the triangles, and their shift in pixels."""
 
 
 def motion(steps: int) -> Motion:
     """A schedule of five equal phases: at rest, growing, leaving, collapsing, at rest.
 
-    Each of the three in the middle rises to its extreme and returns to rest. Triangles collapse to
-    a point for a fifth of their phase.
+    Each of the three phases in the middle moves to its extreme and returns to rest. Triangles
+    collapse to a point for a fifth of their phase.
     """
 
     def at(step: Array) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -38,7 +38,7 @@ def motion(steps: int) -> Motion:
 def moved(
     corners: Float[Array, "triangles 3 2"], scale: Float[Array, ""], shift: Float[Array, ""]
 ) -> Float[Array, "triangles 3 2"]:
-    """Scale each triangle about its centre, and shift it to the right or, if odd, to the left."""
+    """Scale each triangle about its centre; shift it to the right, or to the left if it is odd."""
     centre = corners.mean(1, keepdims=True)
     away = jnp.where(jnp.arange(corners.shape[0]) % 2, -shift, shift)
     return centre + scale * (corners - centre) + away[:, None, None] * jnp.array([1.0, 0.0])

@@ -64,7 +64,7 @@ def replanning(rows: dict[str, Any]) -> str:
 
 
 def ways(rows: list[dict[str, Any]]) -> str:
-    """Least milliseconds of a batch by each way, and the ratios that the goals are about."""
+    """Least time of a batch by each way, in milliseconds, and the ratios that have goals."""
     time = {(row["scene"], row["coverage"], row["way"]): float(row["least_ms"]) for row in rows}
     header = [
         "batch of 16", "coverage", "vmap, ms", "lax.map", "loop", "vmap / loop",
@@ -92,7 +92,7 @@ def ways(rows: list[dict[str, Any]]) -> str:
 
 
 def growth(rows: list[dict[str, Any]]) -> str:
-    """Least milliseconds of a scene in batches of each size."""
+    """Least time per scene, in milliseconds, in batches of each size."""
     time = {
         (row["scene"], row["coverage"], int(row["batch"])): float(row["least_ms"]) for row in rows
     }

@@ -1,7 +1,7 @@
-"""A page of Chromium that is driven over its DevTools protocol, and that nothing else observes.
+"""A page of Chromium that is controlled by its DevTools protocol, and that nothing else observes.
 
-Playwright receives a copy of every message of a page, also if nobody asked for it. With pictures of
-megabytes that takes as long as the viewer takes to answer, on the same cores.
+Playwright receives a copy of every message of a page, even if no script asks for it. With pictures
+of megabytes, copying takes as long as the viewer takes to answer, on the same cores.
 """
 
 import itertools
@@ -21,7 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 from tests.cases.browser import require_browser
 
 _SECONDS = 300.0
-"""Longest time to wait for a picture, which may have to be compiled."""
+"""Longest time to wait for a picture, in seconds; its program may have to be compiled."""
 
 _STATE = """document.querySelector(".sr-viewer")?.dataset.state"""
 
@@ -47,7 +47,7 @@ class Page:
                 return reply["result"]
 
     def evaluate(self, expression: str) -> Any:
-        """The value of a JavaScript expression; a promise is awaited."""
+        """Return the value of a JavaScript expression; if it is a promise, wait for it."""
         options = {"awaitPromise": True, "returnByValue": True}
         return self.call("Runtime.evaluate", expression=expression, **options)["result"].get(
             "value"
@@ -66,7 +66,7 @@ class Page:
     def wait_for_picture(self) -> None:
         """Wait until the exact picture is shown."""
         until = time.monotonic() + _SECONDS
-        # A key is answered within a few frames.
+        # The page reacts to a key within a few frames.
         time.sleep(0.1)
         while (state := self.evaluate(_STATE)) != "exact":
             assert state != "error", self.evaluate('document.querySelector(".sr-status").innerText')
@@ -76,7 +76,7 @@ class Page:
 
 @contextmanager
 def open_page(url: str) -> Iterator[Page]:
-    """A page of a Chromium of its own, without a window."""
+    """Start a separate Chromium without a window, and open a page in it."""
     folder = tempfile.mkdtemp()
     options = ["--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--hide-scrollbars"]
     browser = subprocess.Popen(
@@ -94,7 +94,7 @@ def open_page(url: str) -> Iterator[Page]:
 
 
 def _page_address(browser: "subprocess.Popen[str]") -> str:
-    """The address at which the first page of a browser that starts takes commands."""
+    """Address at which the first page of a newly started browser takes commands."""
     assert browser.stderr is not None
     for line in browser.stderr:
         if found := re.search(r"DevTools listening on ws://([^/]+)/", line):

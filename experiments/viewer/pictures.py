@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def _inspect(page: Any, url: str) -> None:
-    """The lens over a pixel in which several triangles meet."""
+    """Show the lens over a pixel in which several triangles meet."""
     page.goto(url)
     wait_for_picture(page)
     _press(page, "2", "-", "i", "i", "i", "z")
@@ -61,7 +61,7 @@ def _inspect(page: Any, url: str) -> None:
 
 
 def _compare(page: Any, url: str) -> None:
-    """One sample against 16, with a slider between them."""
+    """Compare one sample per pixel with 16, with a slider between both images."""
     page.goto(url)
     wait_for_picture(page)
     _press(page, "1", "r", "r", "v")
@@ -70,7 +70,7 @@ def _compare(page: Any, url: str) -> None:
 
 
 def _fit(page: Any) -> None:
-    """A fit with its triangles, gradients against its target, and the curve of the fit."""
+    """Show a fit with its triangles, the gradients of its error, and the curve of the fit."""
     _press(page, "5", "e", "g")
     wait_for(lambda: page.locator(".sr-fit").is_visible(), "the curve")
     time.sleep(20)
@@ -78,7 +78,7 @@ def _fit(page: Any) -> None:
 
 
 def _narrow(page: Any, url: str) -> None:
-    """Tiles and how full they are, in a window 800 pixels wide."""
+    """Show tiles and how full they are, in a window 800 pixels wide."""
     page.goto(url)
     wait_for_picture(page)
     _press(page, "4", "t")
@@ -93,7 +93,7 @@ def _press(page: Any, *keys: str) -> None:
 
 
 def _save(page: Any, name: str) -> None:
-    """Write a screenshot, with few colours, so that the file is small."""
+    """Write a screenshot with a small palette, so that the file is small."""
     path = RESULTS / f"{name}.png"
     time.sleep(0.5)
     page.screenshot(path=path)

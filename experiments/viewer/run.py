@@ -1,7 +1,7 @@
-"""How fast the page answers: from a request to drawn pixels, for every bundled scene.
+"""Measure the time from a request to drawn pixels in the viewer, for every bundled scene.
 
-On a busy machine the times of the clock are those of the other work too. So the processor time of
-an answer, of all threads of the server, is measured beside them.
+On a busy machine, other work lengthens wall-clock times. So the processor time of an answer, summed
+over all threads of the server, is measured too.
 """
 
 import argparse
@@ -32,8 +32,8 @@ HEIGHT, WIDTH = 1216, 1600
 """The canvas, in pixels; its sides are multiples of 32."""
 
 PANS, RENDERS, VIEWS = 11, 7, 500
-"""Views of each scene of which the median is taken; renders of each; views after which memory is
-measured."""
+"""Views of each scene, over which the median is taken (rounded up to an even number); renders of
+each scene; and views in the measurement of memory."""
 
 MEMORY_SCENE = "rings"
 
@@ -67,7 +67,7 @@ def main() -> None:
     sr.keep_compiled_programs()
     rows, memory, result = [], [], {}
     for name in arguments.scenes:
-        # A viewer of its own: scenes that share one also share plans.
+        # A separate viewer for each scene: scenes in one viewer would share plans.
         session = _RecordingSession([_subject(name)])
         with ViewerServer(session) as server, open_page(server.url) as page:
             page.resize(HEIGHT, WIDTH)
@@ -78,7 +78,7 @@ def main() -> None:
             print(rows[-1], flush=True)
             if name == MEMORY_SCENE:
                 memory = _memory(page, arguments.views)
-        # After each scene, so that a run that is stopped leaves what it has measured.
+        # Write after each scene, so that an interrupted run leaves results.
         result = write(rows, memory)
     print(table(result))
 
@@ -102,11 +102,11 @@ def _subject(name: str) -> Subject:
 
 
 def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
-    """Milliseconds from request to drawn pixels, of `render` alone, and of a frame that pans."""
+    """Time, in ms, from request to drawn pixels, of `render` alone, and of a frame that pans."""
     page.press("ArrowRight")
     _wait_until_compiled(session)
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
-    # The view that was measured: the frames below pan on.
+    # Remember the view that was measured, as the frames below pan further.
     request = session.last_picture
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     page.wait_for_picture()
@@ -153,7 +153,7 @@ def _pan(page: Page, key: str) -> float:
 
 
 class Times(NamedTuple):
-    """Milliseconds of several calls, by the clock and of the processor."""
+    """Wall-clock and processor time, in milliseconds, of several calls."""
 
     wall: list[float]
     processor: list[float]
@@ -172,7 +172,7 @@ def _times(call: Callable[[], Any], count: int) -> Times:
 
 
 def _memory(page: Page, views: int) -> list[float]:
-    """MiB that the process holds, after a fifth of the views and every fifth from there."""
+    """Resident memory of the process, in MiB, after each fifth of the views."""
     held = []
     for view in range(views):
         page.press(("ArrowLeft", "i", "ArrowUp", "ArrowRight", "o", "ArrowDown")[view % 6])
@@ -182,7 +182,7 @@ def _memory(page: Page, views: int) -> list[float]:
 
 
 def _resident() -> float:
-    """MiB of memory that this process holds."""
+    """Resident memory of this process, in MiB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 

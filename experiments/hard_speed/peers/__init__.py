@@ -1,8 +1,8 @@
 """Peers that pip installs: 2-D libraries, each used in its fastest way on one thread.
 
-Common to all: coordinates and colours come as the numbers that the library's calls take, made
-beforehand; canvases are made once and reused; building paths, clearing, drawing and, on a large
-canvas, the box filter are timed. A peer that is not installed is left out.
+For all of them, coordinates and colours are converted beforehand to the numbers that the calls of
+the library take, and canvases are made once and reused. Timed are the building of paths, clearing,
+drawing and, on a large canvas, the box filter. A peer that is not installed is left out.
 """
 
 import importlib

@@ -24,7 +24,7 @@ def contestant(
     rate: int,
     reverse: bool = False,
 ) -> Contestant:
-    """A contestant of one thread, whose `draw()` returns a canvas `rate` times as large.
+    """A contestant on one thread, whose `draw()` returns a canvas `rate` times as wide and high.
 
     The canvas is of RGBA or (`reverse`) BGRA bytes. At rates above one, the time includes the box
     filter to floats; at rate one the result is bytes, as these libraries intend.

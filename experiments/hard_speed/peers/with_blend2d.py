@@ -30,7 +30,7 @@ def contestants(soup: Soup) -> list[Contestant]:
 
 def _paths(soup: Soup, rate: int, side: int) -> Callable[[], NDArray[np.uint8]]:
     image = blend2d.Image(side, side)
-    # The binding cannot scale, so that coordinates are multiplied.
+    # The binding cannot scale, so the coordinates are multiplied.
     points = (soup.corners.astype(np.float64) * rate).reshape(-1, 6).tolist()
     colors = np.rint(soup.colors[:, 0] * 255).astype(int).tolist()
 

@@ -83,7 +83,7 @@ def _mesh(soup: Soup, rate: int, anti_alias: bool, side: int) -> Callable[[], ND
 
 
 def _surface(side: int) -> tuple[NDArray[np.uint8], skia.Surface]:
-    """A canvas that draws into the array beside it."""
+    """An array of pixels, and a surface that draws into it."""
     pixels = np.zeros((side, side, 4), np.uint8)
     return pixels, skia.Surface(
         pixels, colorType=skia.kRGBA_8888_ColorType, alphaType=skia.kPremul_AlphaType
