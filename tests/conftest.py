@@ -1,4 +1,4 @@
-"""Strict JAX, quick compilation, seeded hypothesis, float64 on demand, counted compilations."""
+"""Settings and fixtures for all tests: strict JAX types, quick compilation, seeded hypothesis."""
 
 import contextlib
 import gc
@@ -15,7 +15,7 @@ from softras2d.numerics.compiled_programs import drop_programs
 if os.environ.get("SOFTRAS2D_OPTIMIZED_TESTS", "0") == "0":
     # Most tests run a program once, and compiling it with little optimization takes a third of the
     # time. CI repeats the tests that measure roundings or compare bits as users' programs compile.
-    # XLA reads the flags when JAX first uses a device; of a flag given twice, the latter counts.
+    # XLA reads the flags when JAX first uses a device. Of a flag given twice, the last one counts.
     os.environ["XLA_FLAGS"] = (
         "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
         f" --xla_cpu_parallel_codegen_split_count=1 {os.environ.get('XLA_FLAGS', '')}"
@@ -24,14 +24,14 @@ if os.environ.get("SOFTRAS2D_OPTIMIZED_TESTS", "0") == "0":
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Tracing makes many objects that stay, and few cycles: looking for them seldom saves a tenth of the
-# time.
+# Tracing makes many long-lived objects and few reference cycles. Running the cycle collector less
+# often saves a tenth of the time.
 gc.set_threshold(100_000, 50, 100)
 
-# The fixture `assert_image_matches` and its option.
+# It provides the fixture `assert_image_matches` and the option `--update-references`.
 pytest_plugins = ["softras2d.testing.plugin"]
 
-# The same examples on every machine, and no deadline: a first example compiles.
+# Examples are the same on every machine. There is no deadline, since a first example compiles.
 hypothesis.settings.register_profile(
     "softras2d", derandomize=True, deadline=None, database=None, max_examples=25
 )
@@ -40,14 +40,14 @@ hypothesis.settings.load_profile("softras2d")
 
 @pytest.fixture(autouse=True)
 def _drop_programs() -> Iterator[None]:
-    """Drop compiled programs before they are too many for one process."""
+    """Drop compiled programs after a test, before they become too many for one process."""
     yield
     drop_programs()
 
 
 @pytest.fixture
 def float64() -> Iterator[None]:
-    """JAX with 64-bit types, for close comparisons."""
+    """Enable 64-bit types in JAX during a test, for comparisons with tight tolerances."""
     with jax.enable_x64(True):
         yield
 
@@ -68,7 +68,7 @@ class Compilations:
 
 @pytest.fixture
 def count_compilations() -> Callable[[], contextlib.AbstractContextManager[Compilations]]:
-    """`with count_compilations() as compiled: ...`, then `compiled.names`."""
+    """Record what XLA compiles: `with count_compilations() as compiled: ...`."""
 
     @contextlib.contextmanager
     def count() -> Iterator[Compilations]:

@@ -1,7 +1,8 @@
-"""What every derivative must satisfy, for each coverage and each input that it draws.
+"""What derivatives must satisfy, for each coverage option and each of its inputs.
 
-jvp and vjp agree, every number is finite, `jit` changes nothing, and what must be zero is exactly
-zero. The coverages are listed in `cases/modes.py`; batches are tested in `test_transformations.py`.
+The jvp and the vjp agree, every number is finite, `jit` changes nothing, and derivatives that must
+be zero are exactly zero. The options are listed in `cases/modes.py`. Batches are tested in
+`test_transformations.py`.
 """
 
 import functools
@@ -47,9 +48,9 @@ def direction_of(scene: sr.Scene, name: str, seed: int) -> Any:
 
 
 class Derivatives(NamedTuple):
-    """A scene, a direction of each input and a weight of the image, and the products with them.
+    """A scene, a direction for each input, a weight of the image, and the products with them.
 
-    `directions` and `products` are in the order of `Mode.inputs`.
+    `directions` and the tangents in `products` are in the order of `Mode.inputs`.
     """
 
     scene: sr.Scene
@@ -136,7 +137,7 @@ def test_derivatives_by_what_cannot_matter_are_zero(mode, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hard", "soft"])
 def test_jit_changes_nothing(mode):
-    """Also with `jax.jvp` and `jax.vjp` in place of `jax.linearize` and its transpose."""
+    """Nor does computing with `jax.jvp` and `jax.vjp` instead of `jax.linearize` change results."""
     derivatives = derivatives_of(mode)
     floats, rest = eqx.partition(derivatives.scene, eqx.is_inexact_array)
 
@@ -160,7 +161,7 @@ def image_by_positions(derivatives: Derivatives):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["soft", "area"])
 def test_hessian_vector_products_are_those_of_the_gradient(mode, float64):
-    """They are symmetric, and equal the differences of gradients."""
+    """Hessian-vector products are symmetric, and equal differences of gradients."""
     derivatives = derivatives_of(mode, np.float64)
     image = image_by_positions(derivatives)
     gradient = jax.grad(lambda positions: jnp.sum(derivatives.weight * image(positions) ** 2))

@@ -1,4 +1,4 @@
-"""Images of the CPU and of an accelerator are equal bit for bit; skipped without accelerator."""
+"""The CPU and an accelerator draw the same bits; these tests are skipped without an accelerator."""
 
 import jax
 import numpy as np
@@ -17,7 +17,7 @@ BLACK = np.zeros(3, np.float32)
 
 
 def _images_of_both(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray]:
-    """The image of the accelerator and that of the CPU."""
+    """The images that the accelerator and the CPU draw."""
     images = []
     for device in (jax.devices()[0], jax.devices("cpu")[0]):
         image, overflow = sr.render_checked(*jax.device_put((scene, plan), device))

@@ -1,4 +1,4 @@
-"""Batches, tiles and fits on four devices, in a process that has four host devices."""
+"""Batches, tiles and fits on four devices give the results of one, measured in another process."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def test_four_devices_give_the_results_of_one():
         assert not batch["overflow"] and batch["images equal"] and batch["devices"] == 4
         assert batch["gradient error"] < 1e-5 and batch["loss error"] < 1e-5
         assert batch["image collectives"] == {}
-        # The sum of the loss over the shards.
+        # The one collective sums the loss over the shards.
         assert batch["gradient collectives"] == {"all-reduce": 1}
     tiles = measured["tiles"]
     assert tiles["images equal"] and tiles["gradients equal"] and tiles["largest"] > 0

@@ -1,4 +1,4 @@
-"""`softras2d --help` does not wait for JAX: the modules imported, in a process of its own."""
+"""`softras2d --help` imports neither JAX nor other heavy modules, as a separate process shows."""
 
 import subprocess
 import sys

@@ -1,7 +1,7 @@
-"""Imports go one way, and nothing strays to the top of a folder.
+"""Imports go one way, and there are no unexpected files at the top of a folder.
 
-Within the package, a module imports from those before it in `ORDER`; `experiments` import from
-`tests`, and `tests` not from `experiments`.
+Within the package, a module imports only from folders before its own in `ORDER`. `experiments` may
+import from `tests`, but `tests` may not import from `experiments`, apart from a few.
 """
 
 import ast
@@ -78,7 +78,7 @@ FILES = {module_of(file): file for file in sorted(PACKAGE.rglob("*.py"))}
 
 
 def imports(module: str, file: Path, source: str) -> Iterator[str]:
-    """The modules of the package that a module imports anywhere: also in functions, for types."""
+    """The modules of the package that a module imports anywhere, even in functions or for types."""
     package = module if file.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

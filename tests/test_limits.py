@@ -1,4 +1,4 @@
-"""The memory that a large canvas takes."""
+"""A large canvas takes a bounded amount of memory."""
 
 import subprocess
 import sys

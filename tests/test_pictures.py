@@ -1,4 +1,4 @@
-"""The bundled pictures are what their script makes."""
+"""The bundled pictures are the ones that their script makes."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def test_pictures_are_what_the_script_makes(name):
     image = read_image(pictures.path(name))
     assert image.shape == (*pictures.size(name), 3)
     assert image.std() > 0.1
-    # Sines may differ in their last bit from machine to machine.
+    # Sines may differ in the last bit between machines, which may round to another level.
     assert np.abs(image - make(name)).max() < 1.6 / 255
 
 

@@ -1,4 +1,4 @@
-"""The public interface: every public name with its parameters, on which users' scripts rely.
+"""The public interface is unchanged: every public name, with the parameters that scripts rely on.
 
 A parameter is written `*name` if it is keyword-only, and `name=` if it has a default. Removing a
 name, a parameter or a default breaks scripts; new ones are added to the list.

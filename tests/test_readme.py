@@ -1,4 +1,4 @@
-"""The README: its Python blocks run as one session; its shell lines and images exist."""
+"""The README's Python blocks run as one session, and its commands and images exist."""
 
 import re
 from pathlib import Path
@@ -22,7 +22,7 @@ def test_python_blocks_run(tmp_path, monkeypatch):
     names: dict = {}
     blocks = _blocks("python")
     assert len(blocks) >= 4
-    # As users run them: optax relies on the promotion of types that other tests forbid.
+    # Users run these blocks with JAX's default promotion, which optax needs and other tests forbid.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         for block in blocks:
             exec(compile(block, "README.md", "exec"), names)

@@ -1,4 +1,4 @@
-"""The bundled scenes as small PNGs: from SVG to bytes, images stay as they were checked by eye.
+"""Small images of the bundled scenes, from SVG to PNG, equal references that were checked by eye.
 
 After an intended change, `pytest tests/test_reference_images.py -m "slow or not slow" -k bundled
 --update-references` writes them anew. A failure leaves the image and its difference in
@@ -20,7 +20,7 @@ from .oracles.coverage import Canvas, draw
 REFERENCES = Path(__file__).parent / "references"
 SIZE = 300
 SHADED = ("minified", "zone_plate", "stretched", "magnified", "ground", "overlap", "crossing")
-"""Scenes with further effects than colour."""
+"""Scenes with textures, depth or perspective."""
 
 BOTH_RATES = pytest.mark.parametrize("samples", [slowly(1), 16])
 
@@ -34,7 +34,7 @@ def _plan(scene: sr.Scene | list[sr.Scene], samples: int) -> sr.Plan:
 
 
 def _is_plain(scene: sr.Scene) -> bool:
-    """Neither textures nor depth nor perspective."""
+    """Whether a scene has neither textures nor depth nor perspective."""
     return scene.textures is None and scene.depth is None and scene.inverse_w is None
 
 
@@ -44,7 +44,7 @@ def _in_one_structure(drawn: dict[str, sr.Scene]) -> dict[str, sr.Scene]:
     padded = {}
     for name, scene in drawn.items():
         scene_colors = np.asarray(scene.colors)
-        # Added triangles are a point off the canvas.
+        # Triangles that are added have all corners at one point off the canvas.
         corners = np.full((most, 3, 2), -1, np.float32)
         colors = np.ones((most, 3, 4), np.float32)
         corners[: len(scene_colors)] = np.asarray(scene.positions)[np.asarray(scene.triangles)]
@@ -69,7 +69,7 @@ def test_bundled_scenes_in_one_structure_equal_their_references(samples, assert_
 @pytest.mark.slow
 @pytest.mark.parametrize("samples", [1, 16])
 def test_bundled_scenes_without_effects_equal_the_oracle(samples):
-    """Those of one structure share a program."""
+    """Scenes of one structure share a program."""
     read = {name: _read(name) for name in scenes.names()}
     alike = defaultdict(list)
     for scene in filter(_is_plain, read.values()):
@@ -88,7 +88,7 @@ def test_bundled_scenes_without_effects_equal_the_oracle(samples):
 @pytest.mark.parametrize("samples", [1, 16])
 @pytest.mark.parametrize("name", SHADED)
 def test_a_bundled_scene_with_effects_equals_its_reference(name, samples, assert_image_matches):
-    """Other tests compare these effects with oracles."""
+    """There is no oracle for these scenes here; other tests compare the effects with oracles."""
     scene = _read(name)
     assert_image_matches(sr.render(scene, _plan(scene, samples)), _file(name, samples))
 
@@ -100,7 +100,7 @@ def test_every_reference_belongs_to_a_scene():
 
 @pytest.mark.parametrize("name", scenes.names())
 def test_references_are_not_empty_and_agree_at_both_rates(name):
-    """They are not empty, and apart from edges the same at one sample and at sixteen."""
+    """References are not constant, and their means are close at one sample and at sixteen."""
     coarse, fine = (sr.read_image(_file(name, samples)) for samples in (1, 16))
     assert float(fine.std()) > 0.01
     assert abs(float(coarse.mean()) - float(fine.mean())) < 0.02

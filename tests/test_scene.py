@@ -1,4 +1,4 @@
-"""Scenes: what constructors make of arrays, and one-line errors that name what is invalid."""
+"""Constructors make scenes of any valid arrays, and name what is invalid in one-line errors."""
 
 import subprocess
 import sys
@@ -159,7 +159,7 @@ REFUSED = {
     "profile": "sr.Soft(profile='box')",
     "border": "sr.TexturePyramid.build([np.zeros((2, 2, 3))], border='mirror')",
 }
-"""Invalid calls, by what their message must name (its first word)."""
+"""Invalid calls, by the name that their error message must contain (the first word)."""
 
 SCRIPT = f"""
 import numpy as np
@@ -185,7 +185,7 @@ for name, call in {REFUSED!r}.items():
 
 
 def test_shapes_and_options_are_refused_without_type_checks():
-    """In a process without the run-time type checks of the tests, which would fail first."""
+    """Another process runs without the type checks of the tests, which would raise first."""
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
@@ -226,14 +226,14 @@ HALF = ["float16", "bfloat16"]
 
 
 def _as_type(scene: sr.Scene, dtype: str) -> sr.Scene:
-    """The scene with floats of another type, as no constructor makes it."""
+    """The scene with floats of another type, which no constructor gives."""
     floats = lambda leaf: jnp.issubdtype(leaf.dtype, jnp.floating)  # noqa: E731
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if floats(leaf) else leaf, scene)
 
 
 @pytest.mark.parametrize("dtype", HALF)
 class TestHalfPrecision:
-    """Half precision is refused: errors were up to 0.94, and NaN under `Area`."""
+    """Half precision is refused: errors were as large as 0.94, or NaN under `Area`."""
 
     def test_constructors_refuse_it(self, dtype):
         with pytest.raises(ValueError, match=f"`corners` must be float32 or float64; got {dtype}"):
@@ -332,7 +332,7 @@ def test_floats_that_look_like_bytes_are_warned_of_once():
 
 @pytest.mark.parametrize("colors", [1.0, 1.5, 2.25, -1.0, 256.0, 1e6])
 def test_light_brighter_than_white_is_not_warned_of(colors):
-    """It is drawn unchanged; any warning fails a test."""
+    """Such colours are drawn unchanged, without a warning. Any warning would fail the test."""
     scene = sr.Scene.from_soup(CORNERS, np.full((2, 3), colors))
     image = sr.render(scene, sr.plan(scene, height=4, width=4))
     np.testing.assert_allclose(image, colors, rtol=1e-6)
@@ -355,6 +355,6 @@ print(len(caught), caught[0].filename, caught[0].lineno)
 
 
 def test_the_warning_names_the_line_of_the_caller():
-    """In a process without the run-time type checks of the tests, which add frames."""
+    """Another process runs without the type checks of the tests, which add stack frames."""
     done = subprocess.run([sys.executable, "-c", SCRIPT_OF_BYTES], capture_output=True, text=True)
     assert done.stdout.split() == ["1", "<string>", "7"], done.stderr

@@ -1,4 +1,4 @@
-"""Constructors of scenes compile no programs, and copy no arrays of JAX."""
+"""Constructors of scenes compile no programs, and do not copy JAX arrays."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ CORNERS = SQUARE[HALVES]
 
 
 class TestConstructorsCompileNothing:
-    """A program for each shape took 8 ms and 1.4 MB: 1,342 MB after 200 drawings."""
+    """A program for each new shape once took 8 ms and 1.4 MB: 1,342 MB after 200 drawings."""
 
     def test_scenes_of_many_sizes(self, count_compilations):
         image = np.full((5, 7, 4), 0.5, np.float32)
@@ -47,7 +47,7 @@ class TestConstructorsCompileNothing:
         assert scene.colors is colors and scene.depth is depth
 
     def test_later_changes_of_the_given_arrays_do_not_matter(self):
-        """On a CPU, JAX would share the memory of aligned arrays."""
+        """On a CPU, JAX would share the memory of an aligned NumPy array."""
         corners = np.zeros((4096, 3, 2), np.float32)
         colors = np.ones((4096, 1, 3), np.float32)
         scene = sr.Scene.from_soup(corners, colors)

@@ -1,11 +1,11 @@
-"""A scene pays only for effects that it has: an opaque flat one neither blends nor interpolates.
+"""A scene pays only for effects that it has: an opaque flat scene neither blends nor interpolates.
 
 The effects of a compiled program (texture, depth test, transmittance) are read from the scopes of
-its instructions. Its arithmetic is read from the traced program: values that derive from the
-colours, and those that derive from the positions, are marked from the inputs on. Blending
-multiplies two values that derive from colours (colour and transmittance). Interpolation multiplies
-one of them by one that derives from positions (a weight). A flat scene multiplies colours by counts
-of samples, which have no mark, and neither have decisions: choosing a colour is no arithmetic.
+its instructions. Its arithmetic is read from the traced program. There, values are marked if they
+derive from colours or from positions, from the inputs on. Blending multiplies two values that
+derive from colours (a colour and a transmittance). Interpolation multiplies a value that derives
+from colours by a value that derives from positions (a weight). A flat scene multiplies colours by
+counts of samples. These have no mark, because decisions such as coverage pass on no marks.
 """
 
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def _inner(eqn: JaxprEqn) -> Iterator[Jaxpr]:
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[JaxprEqn]:
-    """All equations, those of loops, branches and calls included."""
+    """All equations, including those in loops, branches and calls."""
     for eqn in jaxpr.eqns:
         yield eqn
         for inner in _inner(eqn):
@@ -68,7 +68,7 @@ _VALUES = {
     "select_n": [1, 2],
     **{name: [] for name in ("population_count", "and", "or", "xor", "not")},
 }
-"""Operands that are values, not indices or conditions. Bits are decisions."""
+"""For some operations, the operands that pass on marks; indices, conditions and bits do not."""
 
 
 class _Products:
@@ -153,7 +153,7 @@ def test_an_opaque_flat_scene_neither_blends_nor_interpolates():
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_corner_colors_interpolate_and_blend_only_with_alpha(channels):
-    """The search recognizes interpolation, and opaque scenes never blend."""
+    """The search recognizes interpolation and blending, and opaque scenes never blend."""
     products = _Products(*_program(channels, corners=3))
     assert products.interpolation > 0
     assert (products.blending > 0) == (channels == 4)
@@ -173,7 +173,7 @@ def test_a_transparent_background_blends_no_triangles(corners):
 @pytest.mark.parametrize("corners", [1, 3])
 @pytest.mark.parametrize("channels", [3, 4])
 def test_no_number_takes_64_bits(channels, corners):
-    """As under `jit` without x64."""
+    """All numbers are as under `jit` without 64-bit types."""
     program, _ = _program(channels, corners)
     for eqn in _equations(program.jaxpr):
         for var in eqn.outvars:

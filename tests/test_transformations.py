@@ -1,9 +1,9 @@
 """Transformations of a batch of scenes equal a loop over single scenes.
 
-`TRANSFORMATIONS` lists those of JAX. Each is traced with every coverage and every effect. Most of a
-test's time is compilation. Therefore all are computed with the modes in `SIMPLEST` only, and the
-gradient of a batch with those of the most effects, `RICHEST`. Solvers of optax and optimistix are
-computed with a few.
+`TRANSFORMATIONS` lists the transformations of JAX and what each must equal. All are traced with
+every coverage and every effect. Most of the time of a test is compilation. Therefore all are
+computed only for the modes in `SIMPLEST`, and the gradient of a batch also for the modes with the
+most effects, `RICHEST`. Solvers of optax and optimistix are computed for a few modes.
 """
 
 import functools
@@ -42,7 +42,7 @@ def vmap_of_grad(draw: Draw, floats: Any, tangents: Any) -> Any:
 
 
 def map_of_grad(draw: Draw, floats: Any, tangents: Any) -> Any:
-    """With `jax.checkpoint`, so that the image is drawn again in the backward pass."""
+    """Use `jax.checkpoint`, so that the image is drawn again in the backward pass."""
     return jax.lax.map(jax.grad(jax.checkpoint(lambda floats: loss(draw(floats)))), floats)
 
 
@@ -66,7 +66,10 @@ def gauss_newton_product(draw: Draw, floats: Any, tangents: Any) -> Any:
 
 
 class Transformation(NamedTuple):
-    """A function of `draw`, the floats of several scenes and tangents, and what it must equal."""
+    """A transformation of a batch, and the result that it must equal.
+
+    It is a function of `draw`, the floats of several scenes, and tangents.
+    """
 
     compute: Callable[[Draw, Any, Any], Any]
     expected: Callable[[OfScene], Any]
@@ -87,9 +90,9 @@ BOTH_DIRECTIONS = "Gauss-Newton product"
 
 
 def inputs_to_trace() -> list[Any]:
-    """The inputs of the quick modes one by one; those of each other mode together, as None.
+    """Parameters (mode, input): each input of the quick modes, and None, for all inputs, of others.
 
-    The modes in `SIMPLEST` are computed with every transformation, all inputs together.
+    Modes in `SIMPLEST` are left out unless they are quick: another test computes them.
     """
     others = [mode for mode in MODES if mode not in (*QUICK, *SIMPLEST)]
     together = [pytest.param(mode, None, marks=pytest.mark.slow) for mode in others]
@@ -128,7 +131,7 @@ def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", SIMPLEST)
 def test_transformations_equal_a_loop(mode, float64):
-    """By all floats of a scene at once, in a batch that is vectorised."""
+    """Derivatives are by all floats of a scene at once, in a batch that is vectorised."""
     assert_batch_equals_loop(batch_of(mode), TRANSFORMATIONS)
 
 
@@ -141,7 +144,7 @@ def test_the_gradient_of_a_batch_with_many_effects_equals_a_loop(mode, float64):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hard", "soft"])
 def test_transformations_of_large_scenes_equal_a_loop(mode, float64):
-    """In a batch whose scenes are drawn one after another."""
+    """The scenes of such a batch are drawn one after another."""
     scenes = [scene_of(MODES[mode].effects, np.float64, seed=seed) for seed in range(2)]
     batch = batch_from(scenes, plan_of(mode, scenes, LARGE))
     assert_batch_equals_loop(batch, ["vmap of grad", BOTH_DIRECTIONS])
@@ -169,7 +172,7 @@ OPTIMIZER = optax.sgd(1.0, momentum=0.9)
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", SIMPLEST)
 def test_steps_of_optax_equal_a_loop(mode, float64):
-    """Of whole scenes, integers included, which equinox sorts out; the steps are a `lax.scan`."""
+    """The steps change complete scenes, from which equinox sorts out integers, in a `lax.scan`."""
     scenes = [scene_of(MODES[mode].effects, np.float64, seed=seed) for seed in range(2)]
     plan = plan_of(mode, scenes)
     gradient = eqx.filter_value_and_grad(lambda scene: loss(sr.render_checked(scene, plan)[0]))

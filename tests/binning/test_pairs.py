@@ -1,7 +1,7 @@
-"""Pairs of triangles and tiles, against the samples that an oracle in integers finds covered.
+"""A plan lists every pair of a triangle and a tile in which the triangle covers a sample.
 
-Every tile of the canvas is asked about for every triangle. The oracle shares no code with the
-package.
+An oracle in integers, which shares no code with the package, decides coverage for every triangle
+and every tile of the canvas.
 """
 
 import numpy as np
@@ -46,14 +46,17 @@ def list_pairs(corners: np.ndarray, on: Canvas, is_occluder: np.ndarray) -> Pair
 
 
 def table(pairs: Pairs, values: np.ndarray, on: Canvas) -> np.ndarray:
-    """`values` of the pairs by triangle and tile, false where there is no pair."""
+    """A table `[COUNT, tiles]` of the pairs' `values`, false where there is no pair."""
     by_tile = np.zeros((COUNT, tiling_of(on).count + 1), bool)
     by_tile[pairs.triangle, pairs.tile] = values
     return by_tile[:, :-1]
 
 
 def covered_samples(corners: np.ndarray, on: Canvas) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each triangle covers any, and all, of the samples of each tile on the canvas."""
+    """Whether each triangle covers any sample of each tile, and whether it covers all of them.
+
+    Both are `[triangles, tiles]`. Only samples on the canvas count.
+    """
     tiling = tiling_of(on)
     any_covered, all_covered = np.zeros((2, len(corners), tiling.rows, tiling.columns), bool)
     for number, footprint in enumerate(footprints(corners, on)):
@@ -70,8 +73,8 @@ def covered_samples(corners: np.ndarray, on: Canvas) -> tuple[np.ndarray, np.nda
 def has_area(corners: np.ndarray, on: Canvas) -> np.ndarray:
     """Whether each snapped triangle has area.
 
-    A point has edge functions that are 0 everywhere, so that its tile may be called covered. It is
-    no occluder, so that nothing is hidden by it.
+    The edge functions of a point are 0 everywhere, so it may be listed as covering its tile. That
+    hides nothing, because a triangle without area is never an occluder.
     """
     first, second, third = np.moveaxis(snap(corners, on), 1, 0)
     (ax, ay), (bx, by) = (second - first).T, (third - first).T
@@ -115,7 +118,7 @@ def test_only_a_later_occluder_of_the_whole_tile_hides_a_pair(rate, fill_rule):
         any_covered, all_covered = covered_samples(corners, on)
         is_listed = table(pairs, np.ones(len(pairs.tile), bool), on)
         hides = all_covered & is_occluder[:, None]
-        # Whether any triangle after each one hides its pairs: an exclusive scan from the back.
+        # A pair is hidden if any later triangle covers its tile: an exclusive scan from the back.
         is_hidden = np.zeros_like(hides)
         is_hidden[:-1] = np.logical_or.accumulate(hides[:0:-1], axis=0)[::-1]
         assert not (any_covered & ~is_hidden & ~is_listed).any(), name

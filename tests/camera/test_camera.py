@@ -1,4 +1,4 @@
-"""The camera: matrices by hand, the viewport, clipping at the near plane, and errors."""
+"""Cameras: matrices and projections worked by hand, clipping at the near plane, and errors."""
 
 import math
 from typing import Any
@@ -17,7 +17,7 @@ EYE = np.eye(4)
 """The view matrix of a viewer at the origin who looks down -z."""
 
 BARYCENTRIC = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
-"""Corner weights 1 and 2 as uv, so that uv are barycentric coordinates in the original triangle."""
+"""Texture coordinates that equal the barycentric weights of corners 1 and 2."""
 
 
 def project_white(vertices, triangles, *, view=EYE, projection=None, size=(60, 80), **rest) -> Any:
@@ -33,7 +33,7 @@ def project_white(vertices, triangles, *, view=EYE, projection=None, size=(60, 8
 
 
 def traceable(triangles) -> dict:
-    """Options that make uv barycentric coordinates and texture indices triangle numbers."""
+    """Options that make uv the barycentric weights, and texture indices the triangle numbers."""
     count = len(triangles)
     return {
         "uv": np.broadcast_to(BARYCENTRIC, (count, 3, 2)),
@@ -190,7 +190,8 @@ class TestViewport:
 
 class TestNearPlane:
     def test_two_corners_behind_by_hand(self):
-        # The tip at 3, the base 1 behind the viewer: cut at half of both sides, 1 before the eye.
+        # The tip is 3 in front of the eye and the base 1 behind it. The near plane, 1 in front,
+        # cuts both sides in the middle.
         vertices = [(0, 0, -3), (2, 0, 1), (0, 2, 1)]
         scene = project_white(vertices, [[0, 1, 2]], vertex_colors=np.eye(3))
         np.testing.assert_allclose(scene.positions, [[40, 30], [70, 30], [40, 0]], atol=1e-5)
@@ -203,18 +204,18 @@ class TestNearPlane:
         triangles = [[3, 0, 1], [0, 1, 2], [3, 0, 1], [3, 4, 5], [2, 4, 5], [1, 0, 3]]
         scene = project_white(vertices, triangles, **traceable(triangles))
         np.testing.assert_array_equal(scene.texture_index, [0, 1, 1, 2, 3, 5])
-        # The two share an edge from the first corner in front of the plane.
+        # Triangle 1 is cut in two. Both share an edge from its first corner in front of the plane.
         first, second = np.asarray(scene.triangles)[1:3]
         assert first[0] == second[0] and first[2] == second[1]
 
     @pytest.mark.parametrize(
         ("z", "parts"),
         [
-            ((-1, -1, -1), 1),  # in the plane
+            ((-1, -1, -1), 1),  # lies in the plane
             ((-1, -1, -2), 1),
-            ((-1, -1, 0), 0),  # touches it from in front
+            ((-1, -1, 0), 0),  # touches the plane with an edge, from behind
             ((-1, 0, 0), 0),
-            ((-1, -2, 0), 1),  # through a corner
+            ((-1, -2, 0), 1),  # is cut by the plane through a corner
             ((-2, -2, -1), 1),
             ((0, 0, 0), 0),
         ],
@@ -244,7 +245,7 @@ class TestNearPlane:
         assert scene.positions.shape == (32, 2)
 
     def test_neighbours_are_cut_at_equal_points(self):
-        # Pairs on both sides of an edge through the plane, as a soup that shares no vertex.
+        # Pairs of triangles on both sides of an edge through the plane. They share no vertices.
         random = np.random.default_rng(3)
         edge = random.uniform(-3, 3, (200, 2, 3))
         edge[:, :, 2] = random.uniform([-1.9, -0.1], [-1.1, 0.7], (200, 2))
@@ -278,7 +279,7 @@ class TestNearPlane:
         st.data(),
     )
     def test_clipped_triangles_are_what_lies_in_front(self, vertices, data):
-        """Positions, attributes and areas of the clipped triangles, by barycentric coordinates."""
+        """Clipped triangles have the positions, attributes and areas of the part in front."""
         corner = st.integers(0, len(vertices) - 1)
         triangles = data.draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=5))
         colors = np.random.default_rng(0).random((len(triangles), 3, 4))
@@ -335,7 +336,7 @@ class TestErrors:
             ({"projection": np.diag([1, 1, 1, 0])}, "`projection` must be invertible"),
             ({"projection": np.full((4, 4), math.nan)}, "`projection` must be "),
             ({"model": np.eye(3)}, r"`model` must be \[4, 4\]"),
-            # Depth that grows towards the viewer has w < 0 beyond its near plane.
+            # This projection gives w = -1 everywhere.
             ({"projection": np.diag([1, 1, -1, -1])}, "w > 0; it does not for triangle 0"),
             ({"vertices": [(0, 0, -2), (1e60, 0, -2), (0, 1, -2)]}, "finite points .* triangle 0"),
             ({"vertices": [(0, 0, -2), (1e308, 1e308, -1e308), (0, 1, -2)]}, "triangle 0"),

@@ -10,10 +10,10 @@ SIZE = 12
 def random_scene(
     kind: str = "", *, triangles: int = 7, seed: int = 0, dtype: type = np.float32
 ) -> sr.Scene:
-    """Triangles of a few pixels, with the effects that letters name.
+    """A scene of triangles of a few pixels, with the effects that the letters in `kind` name.
 
-    Corner colours (g), alpha (a), a background with alpha (b), depth (d), perspective (q), a
-    texture (t), one with alpha (u).
+    The letters are g for corner colours, a for alpha, b for a background with alpha, d for depth,
+    q for perspective, t for a texture and u for a texture with alpha.
     """
     rng = np.random.default_rng(seed)
     corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 3

@@ -1,4 +1,4 @@
-"""Batches of small scenes, and what is computed from each scene alone."""
+"""Batches of small scenes, and the derivatives that each scene gives alone."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -14,13 +14,15 @@ from .modes import MODES, plan_of, scene_of
 from .products import float_leaves, stack
 
 Draw = Callable[[Any], jax.Array]
-"""A function from floats of a scene, those of one input or all, to an image."""
+"""Maps floating-point arrays of a scene, of one input or of all, to an image."""
 
 
 class Batch(NamedTuple):
-    """A function that draws one scene from its floats, those of several scenes, and tangents.
+    """Several scenes that one function draws, and a tangent for each.
 
-    - `floats`, `tangents`: trees for `draw`, whose leaves have a leading axis.
+    - `draw`: draws one scene from its floating-point arrays.
+    - `floats`: the arguments of `draw` for all scenes, stacked along a leading axis.
+    - `tangents`: random directions, of the structure of `floats`.
     """
 
     draw: Draw
@@ -38,19 +40,22 @@ class Batch(NamedTuple):
 
 
 def random_like(tree: Any, seed: int) -> Any:
-    """A tree of the same shapes, with seeded normal numbers."""
+    """A tree of the same structure and shapes, with seeded normal numbers."""
     rng = np.random.default_rng(seed)
     return jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), tree)
 
 
 def batch_of(mode: str, name: str | None = None, dtype: type = np.float64, size: int = 2) -> Batch:
-    """Scenes that differ in one input, or in all of their floats."""
+    """A batch of scenes of a mode that differ in the input `name`, or in all floats if None."""
     scenes = [scene_of(MODES[mode].effects, dtype, seed=seed) for seed in range(size)]
     return batch_from(scenes, plan_of(mode, scenes), name)
 
 
 def batch_from(scenes: list[sr.Scene], plan: sr.Plan, name: str | None = None) -> Batch:
-    """Draw these scenes, whose integers are those of the first, from one input or all floats."""
+    """A batch of the given scenes, which differ in the input `name`, or in all floats if None.
+
+    Everything else is taken from the first scene.
+    """
     first = scenes[0]
 
     def part(scene: sr.Scene) -> Any:
@@ -71,10 +76,11 @@ def loss(image: jax.Array) -> jax.Array:
 
 
 class OfScene(NamedTuple):
-    """What is computed from each scene alone.
+    """Derivatives of each scene, computed without a batch and then stacked.
 
-    - `gradient`: of the loss.
-    - `tangent`: J v, along the tangents of the batch; `normal`: J^T J v.
+    - `gradient`: gradient of `loss` of the image.
+    - `tangent`: J v, the tangent of the image along the tangents v of the batch.
+    - `normal`: J^T J v.
     """
 
     gradient: Any
@@ -83,7 +89,7 @@ class OfScene(NamedTuple):
 
 
 def of_each_scene(batch: Batch) -> OfScene:
-    """Compute everything from one scene after another, and stack the results."""
+    """Compute the derivatives of one scene after another, and stack them."""
 
     @jax.jit
     def of_scene(floats: Any, tangents: Any) -> OfScene:

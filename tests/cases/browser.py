@@ -1,4 +1,4 @@
-"""Images of SVG files by a browser, where Chromium or Chrome is installed."""
+"""Images of SVG files as a browser draws them, where Chromium or Chrome is installed."""
 
 import contextlib
 import os
@@ -33,7 +33,7 @@ _PAGE = (
 
 
 def find_browser() -> str | None:
-    """The path of the first browser that is installed."""
+    """The path of the first of `NAMES` that is installed, or None."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
@@ -63,16 +63,16 @@ def screenshot(browser: str, svg: Path, *, height: int, width: int) -> np.ndarra
 
 
 def _run(browser: str, svg: Path, folder: Path, height: int, width: int) -> str:
-    """Let the browser write `picture.png` into the folder; the end of its output."""
+    """Let the browser write `picture.png` into the folder, and return the end of its output."""
     shutil.copy(svg, folder / "scene.svg")
     (folder / "page.html").write_text(_PAGE.format(width=width, height=height))
     command = [
         browser, *_OPTIONS, f"--user-data-dir={folder / 'profile'}",
-        # Windows have a least size, which includes their frames.
+        # Browser windows have a minimum size, which includes their frames.
         f"--window-size={max(width, 600)},{max(height, 400) + 200}",
         f"--screenshot={folder / 'picture.png'}", (folder / "page.html").as_uri(),
     ]  # fmt: skip
-    # A session of its own, so that its children end with it.
+    # The browser starts a new process group, so that all its processes can be killed together.
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
     )

@@ -1,6 +1,7 @@
-"""Derivatives of a render by the float arrays of a scene and the bias of its filter.
+"""Derivatives of a render by all floating-point arrays of a scene and by its level-of-detail bias.
 
-One forward and one backward program for each structure, whichever arrays a test is about.
+They take one forward and one backward program for each structure of a scene, whichever arrays a
+test is about.
 """
 
 from typing import Any
@@ -13,7 +14,10 @@ import numpy as np
 import softras2d as sr
 
 MOVING = ("colors", "background", "uv", "inverse_w", "textures")
-"""Fields by which the image is differentiable everywhere; by others it jumps."""
+"""Fields in which the image is continuous if textures are interpolated.
+
+It jumps as positions or depths change.
+"""
 
 
 def _split(scene: sr.Scene, plan: sr.Plan) -> tuple[Any, Any]:
@@ -35,7 +39,7 @@ def forward(scene: sr.Scene, plan: sr.Plan, direction: Any) -> tuple[Any, Any]:
 
 @eqx.filter_jit
 def backward(scene: sr.Scene, plan: sr.Plan, weight: Any) -> tuple[Any, Any]:
-    """Cotangents of `(scene, lod_bias)` for the weight of the image."""
+    """The cotangents of `(scene, lod_bias)` for an image cotangent `weight`."""
     floats, rest = _split(scene, plan)
     return jax.vjp(lambda floats: _image(floats, rest, plan), floats)[1](weight)[0]
 
@@ -43,7 +47,7 @@ def backward(scene: sr.Scene, plan: sr.Plan, weight: Any) -> tuple[Any, Any]:
 def direction_of(
     scene: sr.Scene, plan: sr.Plan, seed: int = 0, names: tuple[str, ...] = MOVING, bias: float = 0
 ) -> Any:
-    """A seeded direction in the fields `names`, zero in the others."""
+    """A direction of `(scene, lod_bias)`: random in the fields `names`, `bias`, and else zero."""
     rng = np.random.default_rng(seed)
     floats, _ = _split(scene, plan)
     zero = jax.tree.map(jnp.zeros_like, floats)
@@ -64,7 +68,10 @@ def weight_of(image: Any, seed: int = 0) -> Any:
 
 
 def stepped(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float) -> Any:
-    """The image a step along the direction, without its bias, which is in single precision."""
+    """The image after the scene moved by `step` along the direction.
+
+    The bias does not move: it is in single precision, too coarse for small steps.
+    """
     floats, rest = _split(scene, plan)
     moved = jax.tree.map(lambda leaf, d: leaf + step * d, floats[0], direction[0])
     moved_scene, _ = eqx.combine((moved, floats[1]), rest)
@@ -72,7 +79,7 @@ def stepped(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float) -> Any:
 
 
 def difference(scene: sr.Scene, plan: sr.Plan, direction: Any, step: float = 1e-6) -> np.ndarray:
-    """Central difference of the image along the direction."""
+    """The central difference of the image as the scene moves along the direction."""
     ends = [stepped(scene, plan, direction, sign * step) for sign in (1, -1)]
     return (ends[0] - ends[1]) / (2 * step)
 
@@ -91,7 +98,11 @@ def inner(first: Any, second: Any) -> float:
 def assert_near(
     actual: Any, expected: Any, tolerance: float = 2e-5, *, least: float = 1.0, name: str = ""
 ) -> None:
-    """Assert closeness, relative to the greatest number of each array, or to `least` if greater."""
+    """Assert that two trees are close, array by array.
+
+    The tolerance is relative to the greatest absolute number of the expected array, or to `least`
+    if that is greater.
+    """
     for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         scale = max(least, float(np.abs(b).max(initial=0)))
         np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * scale, err_msg=name)

@@ -1,4 +1,4 @@
-"""What a scene that was read from a drawing holds."""
+"""Scenes read from SVG text, their corners, and their colours at points."""
 
 from typing import Any
 
@@ -9,15 +9,15 @@ from softras2d.io.svg.reading.reader import parse_svg
 
 
 def corners_of(scene: sr.Scene) -> np.ndarray:
-    """The corners of every triangle, `[triangles, 3, 2]`."""
+    """The corners of every triangle, `[triangles, 3, 2]` in pixels."""
     return np.asarray(scene.positions)[np.asarray(scene.triangles)]
 
 
 def colors_at(scene: sr.Scene, points: Any) -> np.ndarray:
-    """The colours of a scene at points in pixels, `[points, 3]`, by simple means in float64.
+    """The colours `[points, 3]` of a scene at points in pixels, by a simple loop in float64.
 
-    Every triangle that contains a point is blended over those before it. No point may lie on an
-    edge. Rounded to 9 decimals.
+    Each triangle that contains a point is composited "over" the triangles before it. No point may
+    lie on an edge. The colours are rounded to 9 decimals.
     """
     points = np.asarray(points, np.float64)
     corners = corners_of(scene).astype(np.float64)
@@ -38,11 +38,14 @@ def colors_at(scene: sr.Scene, points: Any) -> np.ndarray:
 
 
 def read_body(body: str, **options: Any) -> sr.Scene:
-    """Read a drawing of 100 x 80 pixels with these elements."""
+    """Read an SVG drawing of 100 x 80 pixels with the elements `body`."""
     head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
     return parse_svg(f"{head}{body}</svg>", **options)
 
 
 def body_colors(body: str, *points: Any, **options: Any) -> np.ndarray:
-    """The colours of a drawing with these elements, beside points that may lie on edges."""
+    """The colours, at points in pixels, of a drawing with the elements `body`.
+
+    The points are moved by a hundredth of a pixel, as the given ones may lie on edges.
+    """
     return colors_at(read_body(body, **options), np.add(points, [0.013, 0.017]))

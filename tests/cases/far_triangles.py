@@ -1,4 +1,7 @@
-"""Far triangles: their projection and coverage, and the samples that float32 may decide wrong."""
+"""Helpers for triangles past the guard band: their projection, and the samples they cover.
+
+Near the edges of such triangles, float32 may decide a sample wrong.
+"""
 
 from fractions import Fraction
 
@@ -11,7 +14,7 @@ from ..oracles.coverage import Canvas
 
 
 def project_one(corners: np.ndarray, canvas: Canvas) -> Projection:
-    """Project one triangle on the host, by the functions that a render runs too."""
+    """Project one triangle `[3, 2]` on the host, with the functions that a render uses."""
     return project(
         corners,
         np.array([[0, 1, 2]], np.int32),
@@ -24,7 +27,7 @@ def project_one(corners: np.ndarray, canvas: Canvas) -> Projection:
 
 
 def covered_by(projection: Projection, canvas: Canvas) -> np.ndarray:
-    """The samples inside all three edges and the bounding box."""
+    """Which samples of the canvas are inside all three edges and the bounding box."""
     column, row = np.meshgrid(
         np.arange(canvas.width * canvas.rate, dtype=np.int32),
         np.arange(canvas.height * canvas.rate, dtype=np.int32),
@@ -37,7 +40,10 @@ def covered_by(projection: Projection, canvas: Canvas) -> np.ndarray:
 
 
 def near_an_edge(triangle: np.ndarray, canvas: Canvas) -> np.ndarray:
-    """The samples within two grid units of an edge; `triangle` in the oracle's integers."""
+    """Which samples of the canvas are within two grid units of an edge.
+
+    `triangle` `[3, 2]` is in the integer units of `oracles/coverage.py`.
+    """
     step = 2 << canvas.exponent
     y = (np.arange(canvas.height * canvas.rate) * step + step // 2).astype(object)[:, None]
     x = (np.arange(canvas.width * canvas.rate) * step + step // 2).astype(object)[None]

@@ -1,6 +1,6 @@
-"""Run in a process of its own with four host devices; prints one JSON line with what it measured.
+"""A script for a separate process with four host devices: it prints its measurements as JSON.
 
-The number of devices is fixed when JAX starts, so that tests cannot change it.
+JAX fixes the number of devices when it starts, so tests cannot change it in their own process.
 """
 
 import json
@@ -24,12 +24,12 @@ _COLLECTIVE = re.compile(
 
 
 def collectives(compiled: Any) -> dict[str, int]:
-    """How often each collective operation is in a compiled program."""
+    """Count the collective operations in a compiled program, by name."""
     return dict(Counter(_COLLECTIVE.findall(compiled.as_text())))
 
 
 def measure_batches(size: int) -> dict[str, Any]:
-    """Images and gradients of a batch of eight scenes, by `shard_map` over four devices."""
+    """Compare a batch of eight scenes, split over four devices by `shard_map`, with one device."""
     rng = np.random.default_rng(0)
     corners = rng.uniform(0, size, (8, 40, 3, 2)).astype(np.float32)
     colors = rng.random((8, 40, 3))
@@ -80,7 +80,7 @@ def measure_batches(size: int) -> dict[str, Any]:
 
 
 def measure_partitioner(size: int) -> dict[str, int]:
-    """The collectives that the partitioner inserts by itself, without `shard_map`."""
+    """Count the collectives that XLA inserts if a batch is split without `shard_map`."""
     corners = np.random.default_rng(0).uniform(0, size, (8, 40, 3, 2)).astype(np.float32)
     scenes = [sr.Scene.from_soup(c, np.zeros((40, 3))) for c in corners]
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
@@ -92,7 +92,7 @@ def measure_partitioner(size: int) -> dict[str, int]:
 
 
 def measure_tiles() -> dict[str, Any]:
-    """A tiled image and its gradient on one and on four devices."""
+    """Compare a tiled image and its gradient on four devices with one device."""
     scene = scene_of()
     arguments: dict[str, Any] = {"height": HEIGHT, "width": WIDTH, "coverage": sr.Soft(1.0)}
     plan = sr.plan_tiles(scene, tile=TILE, gradients=True, **arguments)
@@ -114,7 +114,7 @@ def measure_tiles() -> dict[str, Any]:
 
 
 def measure_fits() -> dict[str, Any]:
-    """Six fits on one and on four devices; the last shard is filled up."""
+    """Compare six fits on four devices with one device. The last shard is padded."""
     rng = np.random.default_rng(3)
     targets = [rng.random((24, 24, 3)).astype(np.float32) for _ in range(6)]
     arguments: dict[str, Any] = {"triangles": 8, "steps": 12, "seed": 1}

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 SECONDS = float(os.environ.get("SOFTRAS2D_FUZZ_SECONDS", "20"))
-"""Seconds that each module runs; set by the environment variable `SOFTRAS2D_FUZZ_SECONDS`."""
+"""How long the tests of each module run, in seconds, by `SOFTRAS2D_FUZZ_SECONDS`."""
 
 SEED = int(os.environ.get("SOFTRAS2D_FUZZ_SEED", "0"))
-"""Number of the first case. A failure names its case; `SOFTRAS2D_FUZZ_SEED` starts there."""
+"""Number of the first case. To repeat a failure, set `SOFTRAS2D_FUZZ_SEED` to the case it names."""
 
 
 def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
-    """Yield the numbers of cases and their random generators, for a share of the module's time."""
+    """Yield numbered cases, each with its random generator, for a share of `SECONDS`."""
     end = time.monotonic() + share * SECONDS
     number = SEED
     while number == SEED or time.monotonic() < end:
@@ -23,7 +23,7 @@ def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
 
 
 def damaged(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
-    """Damage `data`: replace up to eight bytes after `first`, cut off the end or repeat a piece."""
+    """Damage `data`: replace up to eight bytes from `first` on, cut off the end, repeat a piece."""
     changed = bytearray(data)
     kind = rng.integers(4)
     if kind == 0:

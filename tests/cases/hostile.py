@@ -1,4 +1,4 @@
-"""Limits of time, drawings and images for tests of hostile files."""
+"""Time limits, and large drawings and images, for tests of hostile files."""
 
 import contextlib
 import signal
@@ -15,9 +15,9 @@ from .png_files import png
 
 @contextlib.contextmanager
 def ends_within(seconds: int) -> Iterator[None]:
-    """Raise `TimeoutError` in what takes more processor time.
+    """Raise `TimeoutError` if the body of the `with` takes more processor time, in seconds.
 
-    The limit is loose, as it is no measurement.
+    Limits are loose: they catch quadratic algorithms, and do not measure time.
     """
 
     def stop(*_: object) -> None:
@@ -33,7 +33,10 @@ def ends_within(seconds: int) -> Iterator[None]:
 
 
 def outcome(text, dialect="svg", **options):
-    """The scene, or the error's message, which is one line that begins with name and line."""
+    """The scene of an SVG text, or the message of its error.
+
+    The message must be one line that begins with the file name and the line number.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
@@ -57,7 +60,7 @@ def random(count, seed=0):
 
 
 def low_poly(count: int) -> str:
-    """Triangles as low-poly generators write them: one path for each, with a colour."""
+    """Triangles as low-poly generators write them: one path with one colour for each."""
     corners = random(3 * count).reshape(-1, 6).tolist()
     d = "M{:.3f},{:.3f}L{:.3f},{:.3f}L{:.3f},{:.3f}Z"
     fill = '<path d="{}" fill="rgb({},{},{})"/>'

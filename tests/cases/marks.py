@@ -1,4 +1,4 @@
-"""Marks of parameters."""
+"""Pytest marks for parameters of tests."""
 
 from typing import Any
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def slowly(*values: Any) -> Any:
-    """Mark a parameter for the slow run: each structure that is drawn takes seconds to compile."""
+    """Mark a parameter for the slow run: each structure of a scene takes seconds to compile."""
     return pytest.param(*values, marks=pytest.mark.slow)

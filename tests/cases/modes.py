@@ -1,6 +1,6 @@
-"""Every coverage with the effects that it draws, and small scenes that have them.
+"""Every coverage option with the effects that it draws, and small scenes with these effects.
 
-When a coverage learns to draw an effect, its entry of `MODES` gets one more word.
+When a coverage learns to draw an effect, its entry in `MODES` gets one more word.
 """
 
 from typing import Any, NamedTuple
@@ -11,13 +11,13 @@ import pytest
 import softras2d as sr
 
 SIZE = 16
-"""Two tiles a side."""
+"""Side of the canvas in pixels: more than one tile."""
 
 LARGE = 96
-"""A canvas on which the scenes of a batch are drawn one after another."""
+"""Side, in pixels, of a canvas so large that the scenes of a batch are drawn one after another."""
 
 HIDDEN, COVERING, NO_AREA, OFF_CANVAS = range(4)
-"""Indices of triangles: one hidden by the second, one without area, one off the canvas."""
+"""Indices of triangles: `HIDDEN` is hidden by `COVERING`, if `Mode.hides`."""
 
 COUNT = 10
 
@@ -27,7 +27,7 @@ class Mode(NamedTuple):
 
     - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`,
       `clear` (a background of four channels), and `far` (triangles past the guard band).
-    - `zero`: inputs whose derivative is zero.
+    - `zero`: inputs whose derivative is exactly zero.
     - `hides`: whether a triangle hides what lies behind it. Blending by depth does not, since what
       lies deeper has a weight, however small; nor does a sum.
     """
@@ -65,14 +65,14 @@ MODES = {
 }
 
 RICHEST = ("hard-textured", "hard-all", "soft-all", "area-all", "sum-textured")
-"""The mode of most effects for each way to compute and to blend coverage."""
+"""Modes with the most effects, for each way to compute and to blend coverage."""
 
 QUICK = ("hard", "soft")
 """Modes that are tested in the quick run."""
 
 
 def mode_input_pairs(modes: Any = tuple(MODES)) -> list[Any]:
-    """Modes with every input that they draw."""
+    """Every mode with each of its inputs, as test parameters."""
     return [
         pytest.param(mode, name, marks=() if mode in QUICK else pytest.mark.slow)
         for mode in modes
@@ -81,7 +81,10 @@ def mode_input_pairs(modes: Any = tuple(MODES)) -> list[Any]:
 
 
 def scene_of(effects: str, dtype: type = np.float32, seed: int = 0) -> sr.Scene:
-    """Triangles of a few pixels, over and beside one that covers the left of the canvas."""
+    """A scene of `COUNT` triangles, most of a few pixels; one covers the left of the canvas.
+
+    `effects`: words as in `Mode.effects`.
+    """
     rng = np.random.default_rng(seed)
     corners = rng.random((COUNT, 1, 2)) * SIZE + rng.normal(size=(COUNT, 3, 2)) * 4
     # Corners up to half a canvas beyond the border lie within the guard band.

@@ -1,15 +1,15 @@
-"""Scenes that outgrow their plans."""
+"""Scenes that exceed the capacities of a plan made for another scene."""
 
 import numpy as np
 
 import softras2d as sr
 
 SIDE = 96
-"""A canvas on which 60 triangles are too many to be listed for every tile."""
+"""Side, in pixels, of a canvas on which a plan does not list all 60 triangles in every tile."""
 
 
 def small_and_large_scene() -> list[sr.Scene]:
-    """Small triangles, and as many that cover the whole canvas."""
+    """A scene of 60 small triangles, and a scene of 60 that each cover the whole canvas."""
     rng = np.random.default_rng(0)
     small = rng.uniform(0, SIDE, (60, 1, 2)) + rng.uniform(-0.5, 0.5, (60, 3, 2))
     around = np.array([(-40, -40), (2 * SIDE - 55, -40), (-40, 2 * SIDE - 55)])
@@ -19,6 +19,6 @@ def small_and_large_scene() -> list[sr.Scene]:
 
 
 def too_large_for_plan(coverage: sr.Hard | sr.Soft | sr.Area) -> tuple[sr.Scene, sr.Plan]:
-    """The large triangles, and a plan for the small ones."""
+    """The scene of large triangles, and a plan made for the scene of small ones."""
     small, large = small_and_large_scene()
     return large, sr.plan(small, height=SIDE, width=SIDE, coverage=coverage)

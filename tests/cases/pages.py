@@ -19,10 +19,10 @@ from .browser import REQUIRE, require_browser
 from .viewing import bytes_of, unpacked
 
 WINDOW = {"width": 920, "height": 560}
-"""Size of a page, in pixels."""
+"""Size of a browser page, in pixels."""
 
 SECONDS = 180.0
-"""Longest time to wait for a picture: it may have to be compiled on a busy machine."""
+"""Longest time to wait for a picture, in seconds: its program may compile on a busy machine."""
 
 _CANVAS = """(selector) => {
   const canvas = document.querySelector(selector);
@@ -47,7 +47,7 @@ def require_playwright() -> Any:
 
 @contextmanager
 def running_browser() -> Iterator[Any]:
-    """Debian's Chromium, without a window."""
+    """A playwright browser: the installed Chromium or Chrome, without a window."""
     path, sync_api = require_browser(), require_playwright()
     with sync_api.sync_playwright() as playwright:
         # The browser runs as root in containers, where its sandbox does not work.
@@ -58,7 +58,7 @@ def running_browser() -> Iterator[Any]:
 
 
 def wait_for(is_true: Callable[[], Any], what: str) -> None:
-    """Wait until a condition holds; fails the test after `SECONDS`.
+    """Wait until a condition holds, and fail the test after `SECONDS`.
 
     Playwright's own function evaluates strings in the page, which the viewer's policy forbids.
     """
@@ -70,14 +70,14 @@ def wait_for(is_true: Callable[[], Any], what: str) -> None:
 
 def wait_for_picture(page: Any) -> None:
     """Wait until the exact picture is shown."""
-    # A key is answered within a frame.
+    # The page reacts to a key within one frame; only then does its state change.
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
     wait_for(lambda: state_of(page) in ("exact", "error"), "a picture")
     assert state_of(page) == "exact", page.locator(".sr-status").inner_text()
 
 
 def state_of(page: Any) -> str:
-    """What the page says of its picture: "pending", "exact", "error" or "closed"."""
+    """The state of the page's picture: "pending", "exact", "error" or "closed"."""
     return page.locator(".sr-viewer").first.get_attribute("data-state") or ""
 
 
@@ -89,9 +89,9 @@ def canvas_of(page: Any, selector: str = ".sr-picture") -> np.ndarray:
 
 
 def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
-    """A list to which header and payload of each frame are added that the page receives.
+    """A list of (header, payload), to which each message is added that the page receives.
 
-    Pictures are unpacked.
+    The pixels of pictures are unpacked.
     """
     frames: list[tuple[dict[str, Any], bytes]] = []
 
@@ -106,20 +106,20 @@ def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
 
 
 def view_of(page: Any) -> dict[str, Any]:
-    """The view of the last picture that the page received for its own settings."""
+    """The view of the last picture in slot "a" that the page received."""
     pictures = [header for header, _ in page.frames_seen if header["kind"] == "picture"]
     return [header for header in pictures if header["slot"] == "a"][-1]["view"]
 
 
 def drawn(folder: Path, name: str, view: dict[str, Any], coverage: Any, filter: Any = None) -> Any:
-    """What `render` draws of a file at a view, as bytes."""
+    """The RGB bytes that `render` gives for a drawing of 300 x 300 pixels at a view."""
     height, width = (max(1, round(300 * view["zoom"])) for _ in range(2))
     scene = sr.read_svg(folder / name, height=height, width=width)
     return bytes_of(scene, view, coverage, filter)
 
 
 def kinds_received(page: Any) -> set[str]:
-    """The kinds of all replies so far."""
+    """The kinds of all messages that the page received so far."""
     # Playwright delivers frames while it waits for an answer of the page.
     page.evaluate("() => 0")
     return {header["kind"] for header, _ in page.frames_seen}

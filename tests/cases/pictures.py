@@ -21,7 +21,7 @@ def blobs(height: int = 40, width: int = 48) -> np.ndarray:
 
 
 def draw(mesh: Mesh, colors: np.ndarray, *, model: ColorModel = "vertex") -> np.ndarray:
-    """The picture at the pixel centres, `[height, width, channels]` float64."""
+    """The image of a mesh, interpolated at pixel centres: float64 `[height, width, channels]`."""
     pairs = mesh_pixels(mesh)
     values = interpolate(pairs, to_corner_colors(mesh, colors, model))
     image = np.empty((mesh.height * mesh.width, len(values)))

@@ -1,4 +1,4 @@
-"""A scene of many triangles, its plan and its picture by the oracle."""
+"""A scene of many triangles, its plan, and its image by the oracle."""
 
 import numpy as np
 
@@ -13,7 +13,10 @@ HARD = sr.Hard(samples=16)
 
 
 def random_corners(seed: int, size: float = 8.0) -> np.ndarray:
-    """Corners of small triangles on the canvas, at multiples of 1/64 pixel."""
+    """Corners `[COUNT, 3, 2]` of small triangles on the canvas, at multiples of 1/64 pixel.
+
+    `size`: the greatest width and height of a triangle, in pixels.
+    """
     rng = np.random.default_rng(seed)
     corners = rng.uniform(4, 36, (COUNT, 1, 2)) + rng.uniform(-size / 2, size / 2, (COUNT, 3, 2))
     return (np.rint(corners * 64) / 64).astype(np.float32)
@@ -30,5 +33,5 @@ def plan_of(scene, **options) -> sr.Plan:
 
 
 def expected_counts(seed: int, on: Canvas = ON) -> np.ndarray:
-    """The image of `random_scene(seed)` by the oracle, as `assert_same_counts` takes it."""
+    """The oracle's image of `random_scene(seed)`, to be compared by `assert_same_counts`."""
     return draw(random_corners(seed), colors_of(COUNT, seed=seed), np.ones(3), on)

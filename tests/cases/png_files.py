@@ -1,10 +1,10 @@
-"""PNG files by hand (ISO 15948), so that a header may claim what the data do not hold."""
+"""PNG files (ISO 15948) written byte by byte, so that headers may contradict the data."""
 
 import struct
 import zlib
 
 COLOR_TYPES = {1: 0, 3: 2, 4: 6}
-"""PNG's number for grey, RGB and RGBA, by channels."""
+"""PNG's colour type for grey, RGB and RGBA, by number of channels."""
 
 
 def png(height: int, width: int, data: bytes, *, bits: int = 8, channels: int = 3) -> bytes:

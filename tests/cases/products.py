@@ -10,10 +10,11 @@ import softras2d as sr
 
 
 class Products(NamedTuple):
-    """The image and its products, those over several directions with a leading axis.
+    """An image and the products with its Jacobian J.
 
-    - `tangents`: J v of each direction.
-    - `gradient`: J^T w; `normal`: J^T J v of each direction.
+    - `tangents`: J v, stacked over the directions v.
+    - `gradient`: J^T w.
+    - `normal`: J^T J v, stacked over the directions v.
     - `overflow`: whether the scene exceeded the plan.
     """
 
@@ -30,9 +31,9 @@ def products(
 ) -> Products:
     """Compute all products by `jax.linearize` and its transpose, in one program to compile once.
 
-    - `directions`: trees as `moving(scene)`, stacked.
-    - `weight`: w, for each value of the image.
-    - `pixel_weight`: a factor for each pixel, for both products with J^T.
+    - `directions`: trees of the structure of `float_leaves(scene)`, stacked.
+    - `weight`: w, of the shape of the image.
+    - `pixel_weight`: `[height, width]`, multiplies the image cotangents in both products with J^T.
     """
     floats, rest = eqx.partition(scene, eqx.is_inexact_array)
 

@@ -1,4 +1,4 @@
-"""The colours of a scene as a caller of `resolve` would compute them, and comparable gradients."""
+"""Images by `rasterize` and `resolve`, with colours computed as a caller would, and gradients."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,7 @@ from ..oracles.shading import Soup
 
 
 def scene_shade(visible: sr.Visibility, scene: sr.Scene, filter: sr.Filter) -> Any:
-    """A function for `resolve` that returns the colours of an opaque scene."""
+    """A function for `resolve` that returns the colours of an opaque scene, with its textures."""
 
     def shade(
         triangle: Int[Array, " n"], weights: Float[Array, "n 3"]
@@ -39,7 +39,7 @@ def resolve_scene(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height width 
 
 
 def resolve_interpolated(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height width 3"]:
-    """The same, of interpolated colours in an array."""
+    """The image by `rasterize` and `resolve`, from an array of interpolated vertex colours."""
     visible = sr.rasterize(scene, plan)
     return sr.resolve(visible, sr.interpolate(visible, scene.colors))
 
@@ -48,7 +48,7 @@ def resolve_interpolated(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height
 def image_and_gradient(
     draw: Any, scene: sr.Scene, plan: sr.Plan, weight: Any
 ) -> tuple[Float[Array, "height width 3"], sr.Scene]:
-    """The image, and the gradient of its weighted sum by all floats of the scene."""
+    """The image by `draw`, and the gradient of its weighted sum by all floats of the scene."""
     floats, rest = eqx.partition(scene, eqx.is_inexact_array)
 
     def total(floats: Any) -> tuple[Array, Array]:
@@ -66,7 +66,10 @@ def random_weight(plan: sr.Plan, channels: int = 3, seed: int = 1) -> Any:
 
 
 def with_slivers(soup: Soup, height: int, width: int) -> Soup:
-    """Replace every third triangle by one thinner than a sample, across or along the border."""
+    """Replace every third triangle by a long one, less than half a pixel thick.
+
+    Half of these cross the canvas, and half run along its border.
+    """
     rng = np.random.default_rng(0)
     corners, size = np.array(soup.corners), np.array([width, height])
     for index in range(0, len(corners), 3):
@@ -80,7 +83,10 @@ def with_slivers(soup: Soup, height: int, width: int) -> Soup:
 
 
 def network(parameters: tuple[Any, Any], features: Any, numpy: Any = jnp) -> Any:
-    """Two layers from three features to three values; `numpy`: the library that computes it."""
+    """A network of two layers, from three features to three values in -1..1.
+
+    `numpy`: the library that computes it, `jax.numpy` or `numpy`.
+    """
     first, second = parameters
     return numpy.tanh(numpy.tanh(features @ first) @ second)
 

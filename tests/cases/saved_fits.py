@@ -1,4 +1,4 @@
-"""Small saved fits of every kind, to be damaged, and their entries read by NumPy alone."""
+"""Small saved fits of every kind, read as arrays by NumPy alone, for tests that damage them."""
 
 import functools
 import io
@@ -30,12 +30,12 @@ KINDS: dict[str, dict[str, Any]] = {
     "mesh": {"family": "mesh", "steps": 40},
     "linear": {"family": "mesh", "shading": "linear", "solver": "lm"},
 }  # fmt: skip
-"""The options of each kind of fit."""
+"""The options of `fit` for each kind of fit."""
 
 
 @functools.cache
 def saved(kind: str) -> dict[str, np.ndarray]:
-    """The entries of the file of a fit of this kind."""
+    """The arrays in the file of a fit of this kind, by name."""
     options = dict(KINDS[kind])
     target = options.pop("target", TARGET)
     result = sr.fit(target, **{"triangles": 6, "steps": 2, **options})
@@ -59,7 +59,7 @@ def packed(arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def bomb(header: str, size: int) -> bytes:
-    """An `.npz` with one entry `image`: a header, and `size` zeros after it, well compressed."""
+    """A small `.npz` that unpacks to an array `image` with this header and `size` zero bytes."""
     file = io.BytesIO()
     padded_header = header.encode().ljust(117) + b"\n"
     with (

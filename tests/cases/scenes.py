@@ -1,4 +1,4 @@
-"""Triangles that are hard to draw, and comparisons of images with the oracle."""
+"""Triangles that are hard to draw exactly, and comparisons of images with the oracle."""
 
 import numpy as np
 
@@ -7,7 +7,10 @@ import softras2d as sr
 from ..oracles.coverage import Canvas
 
 SIZES = {1: (75, 100), 2: (45, 53), 3: (31, 37), 4: (21, 29), 8: (13, 17), 16: (9, 11)}
-"""Height and width for each rate: several tiles a side, the last one cut, and few samples."""
+"""Height and width of the canvas, in pixels, for each number of samples per pixel side.
+
+Each canvas has several tiles a side, the last of which reaches beyond it, and few samples in all.
+"""
 
 COUNT = 40
 """Number of triangles in each case, so that all cases of a rate share one program."""
@@ -18,7 +21,7 @@ def canvas(rate: int, fill_rule: str = "inclusive", origin: tuple[int, int] = (0
 
 
 def cases(canvas: Canvas) -> dict[str, np.ndarray]:
-    """Named corners `[COUNT, 3, 2]`, float32, all inside the band."""
+    """Corners `[COUNT, 3, 2]` of each case by name, in float32 and within `Canvas.band`."""
     makers = (uniform, small, halves, on_samples, grazing, degenerate, slivers, beside, in_band)
     low, high = canvas.band()
     by_name = {}
@@ -42,12 +45,12 @@ def small(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def halves(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Vertices on corners and centres of pixels; centres are samples at odd rates."""
+    """Vertices at multiples of half a pixel; pixel centres are samples at odd rates."""
     return rng.integers(-1, 2 * np.array([canvas.width, canvas.height]) + 2, (COUNT, 3, 2)) / 2
 
 
 def sample_points(rng: np.random.Generator, canvas: Canvas, *shape: int) -> np.ndarray:
-    """Positions of samples, exact where the rate is a power of two."""
+    """Random positions of samples `[*shape, 2]`, exact where the rate is a power of two."""
     size = np.array([canvas.width, canvas.height]) * canvas.rate
     return (2 * rng.integers(0, size, (*shape, 2)) + 1) / (2 * canvas.rate)
 
@@ -58,11 +61,11 @@ def on_samples(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def grazing(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Long edges through a sample or one grid unit beside it, the hardest to decide exactly."""
+    """Long edges through a sample, or one grid unit beside it: the hardest to decide exactly."""
     grid = 2.0**-canvas.exponent
     low, high = canvas.band()
     sample = np.rint(sample_points(rng, canvas, COUNT, 1) / grid) * grid
-    # A step that fits between the sample and the nearer border of the band, times whole numbers.
+    # Both ends lie whole multiples of one step from the sample, and within the band.
     reach = np.minimum(sample - low, high - sample)
     times = rng.integers(1, 60, (COUNT, 2, 1))
     step = np.floor(rng.uniform(-1, 1, (COUNT, 1, 2)) * reach / grid / times.max(axis=1)[:, None])
@@ -73,7 +76,10 @@ def grazing(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def degenerate(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Zero area: points, segments with repeated or collinear corners, on samples and beside."""
+    """Triangles without area, on samples and beside them.
+
+    They are points, and segments with repeated or collinear corners.
+    """
     start = sample_points(rng, canvas, COUNT)
     direction = rng.integers(-3, 4, (COUNT, 2))
     direction[::4, rng.integers(2)] = 0
@@ -87,7 +93,7 @@ def degenerate(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def slivers(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Across the canvas, thinner than a sample step, in any direction."""
+    """Long triangles across the canvas, from a millionth of a pixel to about a pixel thick."""
     size = np.array([canvas.width, canvas.height])
     ends = rng.uniform(-0.2, 1.2, (COUNT, 2, 2)) * size
     ends[: COUNT // 4, 1] = ends[: COUNT // 4, 0] + rng.uniform(-1, 1, (COUNT // 4, 2)) * [50, 0.01]
@@ -98,7 +104,7 @@ def slivers(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def beside(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """Off the canvas on all sides, or touching its border from outside."""
+    """Triangles off the canvas on all sides, some of which touch its border from outside."""
     size = np.array([canvas.width, canvas.height])
     corners = rng.uniform(0, 0.5, (COUNT, 3, 2)) * size.max()
     side = rng.integers(-1, 2, (COUNT, 1, 2))
@@ -109,7 +115,7 @@ def beside(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def in_band(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
-    """As large as the exact tests allow, corners of the band included."""
+    """Triangles over the whole band, some with corners on its border."""
     low, high = canvas.band()
     corners = rng.uniform(low, high, (COUNT, 3, 2))
     extreme = np.stack([low, high])[rng.integers(0, 2, (COUNT, 3, 2)), [0, 1]]
@@ -117,13 +123,16 @@ def in_band(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
 
 
 def parked(canvas: Canvas, count: int) -> np.ndarray:
-    """Triangles inside the band that cover no sample."""
+    """Triangles `[count, 3, 2]` off the canvas, inside the band, that cover no sample."""
     low, _ = canvas.band()
     return np.broadcast_to(low + np.array([[0, 0], [0.25, 0], [0, 0.25]]), (count, 3, 2))
 
 
 def vast(canvas: Canvas, count: int) -> list[np.ndarray]:
-    """Four scenes of the largest triangles in the band, what a plan can be asked for at most."""
+    """Four scenes of `count` equal triangles that fill half of the band.
+
+    They need nearly the greatest capacities of any scene of `count` triangles in the band.
+    """
     low, high = canvas.band()
     middle = (low + high) / 2
     (left, top), (right, bottom), (x, y) = low, high, middle
@@ -137,22 +146,22 @@ def vast(canvas: Canvas, count: int) -> list[np.ndarray]:
 
 
 def colors_of(count: int, channels: int = 3, corners: int = 1, seed: int = 0) -> np.ndarray:
-    """Multiples of 1/256, float32 `[count, corners, channels]`: sums of samples are exact."""
+    """Random colours `[count, corners, channels]` in multiples of 1/256, so that sums are exact."""
     rng = np.random.default_rng(seed)
     return (rng.integers(0, 257, (count, corners, channels)) / 256).astype(np.float32)
 
 
 def draw_scene(scene: sr.Scene, plan: sr.Plan) -> np.ndarray:
-    """The image on the host; an overflow fails."""
+    """The image as a NumPy array; a scene that exceeds the plan fails an assertion."""
     image, overflow = sr.render_checked(scene, plan)
     assert not bool(overflow), "overflow"
     return np.asarray(image)
 
 
 def assert_same_counts(image: np.ndarray, expected: np.ndarray, samples: int) -> None:
-    """Every pixel mixes the same samples: exact for colours that are multiples of 1/256.
+    """Assert that every pixel is the mean of the same samples, for colours in multiples of 1/256.
 
-    Equal bit for bit where the mean is exact, that is unless the rate is 3.
+    Images must be equal bit for bit, except at 9 samples per pixel, where a mean is rounded.
     """
     assert image.shape == expected.shape
     assert image.dtype == np.float32

@@ -1,4 +1,7 @@
-"""Random scenes with textures, depth and perspective, of one structure so as to share programs."""
+"""Random scenes with textures, depth and perspective, and comparisons of images with the oracle.
+
+Scenes with the same effects have one structure, so that they share programs.
+"""
 
 import functools
 from typing import Any
@@ -15,13 +18,13 @@ from ..oracles.texture import PLAIN, Sampler
 from .scenes import vast
 
 ON = Canvas(24, 28, rate=2)
-"""A small canvas, no multiple of a tile; other rates and origins replace its own."""
+"""A small canvas whose width is no multiple of a tile. Tests replace its rate and origin."""
 
 COUNT = 20
 """Number of triangles in each scene."""
 
 SIZES = ((5, 3), (1, 7), (7, 7), (1, 1), (8, 16), (6, 1))
-"""Height and width of each texture of a scene: odd, one row, one column, one texel, even."""
+"""Height and width of each texture, in texels: odd, one row, one column, one texel, even."""
 
 
 def images_of(channels: int = 3, seed: int = 0, sizes: Any = SIZES) -> list[np.ndarray]:
@@ -41,12 +44,15 @@ def soup_of(
     perspective: bool = False,
     reach: float = 0.0,
 ) -> Soup:
-    """`COUNT` random triangles, large to small, one in seven untextured, with uv beyond 0..1.
+    """`COUNT` random triangles, from large to small; about one in seven has no texture.
 
-    - `colors`: corners and channels; `texels`: channels of the textures, None for none.
-    - `reach`: greatest extent of uv as a power of two: 0 spans a few textures, 3 some dozen.
+    - `colors`: number of colours per triangle, 1 or 3, and of channels, 3 or 4.
+    - `background`: number of channels, 3 or 4.
+    - `texels`: number of channels of the textures, or None for no textures.
+    - `reach`: base-2 logarithm of the greatest extent of uv. At 0 a triangle spans a few copies of
+      its texture, at 3 some dozen.
 
-    Corners are multiples of 1/64 px, which every grid here represents.
+    Corners are multiples of 1/64 px, which the vertex grid of every canvas here contains.
     """
     rng = np.random.default_rng(seed)
     size = np.array([on.width, on.height])
@@ -71,7 +77,7 @@ def soup_of(
 
 
 def scene_of(soup: Soup, sampler: Sampler = PLAIN, dtype: Any = np.float32) -> sr.Scene:
-    """The package's scene of a soup."""
+    """Convert a soup to a scene of the package."""
 
     def cast(value: Any) -> Any:
         return None if value is None else np.asarray(value, dtype)
@@ -96,7 +102,7 @@ def scene_of(soup: Soup, sampler: Sampler = PLAIN, dtype: Any = np.float32) -> s
 
 
 def filter_of(sampler: Sampler) -> sr.Filter:
-    """The package's filter of a sampler."""
+    """Convert a sampler to a filter of the package."""
     return sr.Filter(
         pixel=sampler.pixel,  # pyright: ignore
         level=sampler.level,  # pyright: ignore
@@ -106,7 +112,7 @@ def filter_of(sampler: Sampler) -> sr.Filter:
 
 
 def plan_of(scene: sr.Scene, on: Canvas, sampler: Sampler, shading: str = "sample") -> sr.Plan:
-    """A plan for any `COUNT` triangles in the band, so that scenes share a program."""
+    """A plan for as many triangles anywhere in the band, so that such scenes share a program."""
     count = scene.triangles.shape[0]
     filter = filter_of(sampler)
     coverage = sr.Hard(samples=on.samples, fill_rule=on.fill_rule, shading=shading)  # pyright: ignore
@@ -123,14 +129,17 @@ def plan_of(scene: sr.Scene, on: Canvas, sampler: Sampler, shading: str = "sampl
 
 @functools.cache
 def _demanding(on: Canvas, count: int) -> list[np.ndarray]:
-    """Scenes that need most: the largest triangles, and thin ones, several in most pixels."""
+    """Corners of scenes that need the greatest capacities.
+
+    They have the largest triangles, and thin ones of which several meet in most pixels.
+    """
     top = np.linspace(-2, on.height, count)[:, None, None]
     thin = np.array([(-4, 0), (on.width + 4, 0), (on.width + 4, 3.5 * on.height / count)])
     return [*vast(on, count), (thin + [0, 1] * top).astype(np.float32)]
 
 
 def _with_corners(scene: sr.Scene, corners: np.ndarray) -> sr.Scene:
-    """`scene` with other positions, and with equal depths, so that no triangle hides another."""
+    """The scene with other positions, and with equal depths, so that no triangle hides another."""
     positions = jnp.asarray(corners.reshape(-1, 2), scene.positions.dtype)
     scene = eqx.tree_at(lambda s: s.positions, scene, positions)
     if scene.depth is None:
@@ -145,7 +154,7 @@ def render_soup(
     shading: str = "sample",
     dtype: Any = np.float32,
 ) -> np.ndarray:
-    """The package's image of a soup."""
+    """The image of a soup that the package draws."""
     scene = scene_of(soup, sampler, dtype)
     image, overflow = sr.render_checked(scene, plan_of(scene, on, sampler, shading))
     assert not bool(overflow), "overflow"
@@ -156,7 +165,7 @@ def render_soup(
 def assert_close(
     image: np.ndarray, expected: Drawing, atol: float = 2e-6, message: str = "", **margins: float
 ) -> None:
-    """Assert equality in every certain pixel (`Drawing.certain`), and that most pixels are."""
+    """Assert that images are close in all pixels of `Drawing.certain`, and that most are in it."""
     certain = expected.certain(**margins)
     assert certain.mean() > 0.95, f"{message}: only {certain.mean():.0%} of the pixels are certain"
     difference = np.abs(image - expected.image).max(axis=-1)

@@ -1,8 +1,8 @@
-"""Hard scenes with vertex attributes: corner colours, a texture, perspective, depth.
+"""Numerically hard scenes with vertex attributes: corner colours, a texture, perspective, depth.
 
-Six triangles on 16 x 16 pixels; in each case some of them are hard to shade. The reference is the
-package in float64, which shows rounding errors alone: its derivatives are tested against
-differences elsewhere.
+Each has six triangles on 16 x 16 pixels, some of which are hard to shade. Float32 is compared with
+the package itself in float64, which shows rounding errors alone. Other tests compare derivatives
+with finite differences.
 """
 
 from collections.abc import Callable
@@ -20,22 +20,27 @@ from .stability_cases import COUNT, SIZE, ordinary_triangles, sliver, translucen
 from .stability_measure import Errors, relative_error
 
 MODES: dict[str, sr.Soft | sr.Area] = {"soft": sr.Soft(1.0, temperature=0.3), "area": sr.Area()}
-"""The coverages; `Area` has no depth."""
+"""Coverage options by name; `Area` has no depth."""
 
 NOT_FINITE = 3
 """Index of the triangle with a NaN or infinite corner, in the cases that have one."""
 
 
 TEXTURE_INDEX = np.arange(COUNT, dtype=np.int32) % 3 - 1
-"""Index of the texture of each triangle, -1 for none."""
+"""Texture index of each triangle, -1 for none."""
 
 
 class Case(NamedTuple):
-    """Corners `[6, 3, 2]`, and per corner RGBA `[6, 3, 4]`, uv, depth and `1 / w`, float32.
+    """A hard scene, and the errors allowed in float32. All arrays are float32.
 
-    - `temperature`: how softly depth is blended; `modes`: the modes that draw the case.
-    - `limits`: stated errors of the value, and of the three products, for each input separately,
-      relative to the greatest number or to 1.
+    - `corners`: `[6, 3, 2]` in pixels.
+    - `colors`: straight RGBA `[6, 3, 4]`.
+    - `uv`: `[6, 3, 2]`.
+    - `depth`, `inverse_w`: `[6, 3]`.
+    - `temperature`: of blending by depth, in units of depth.
+    - `modes`: the modes that draw the case.
+    - `limits`: greatest error of the image, and of the gradient, jvp and Gauss-Newton product by
+      each input, relative to the greatest number or to 1.
     """
 
     corners: np.ndarray
@@ -49,7 +54,10 @@ class Case(NamedTuple):
 
 
 def with_attributes(hard: list | None = None, **options: Any) -> Case:
-    """Ordinary triangles, up to three of them replaced by `hard` ones; `options`: other fields."""
+    """Ordinary triangles, up to three of which are replaced by `hard` ones.
+
+    `options`: other fields of `Case`.
+    """
     rng = np.random.default_rng(4)
     corners = ordinary_triangles()
     hard_corners = np.asarray([] if hard is None else hard, np.float32).reshape(-1, 3, 2)
@@ -66,14 +74,14 @@ def with_attributes(hard: list | None = None, **options: Any) -> Case:
 
 
 def with_coordinate(value: float) -> Case:
-    """Ordinary triangles, one coordinate of one corner set to `value`."""
+    """Ordinary triangles, with one coordinate of one corner set to `value`."""
     case = with_attributes()
     case.corners[NOT_FINITE, 1, 0] = value
     return case
 
 
 def near_and_far_corners() -> Case:
-    """Corners near the eye and far from it: `1 / w` from a thousandth to a thousand."""
+    """Ordinary triangles with corners near the eye and far from it: `1 / w` is 1e-3 to 1e3."""
     powers = np.random.default_rng(7).uniform(-3, 3, (COUNT, 3))
     powers[0] = -3, 0, 3
     return with_attributes(inverse_w=(10**powers).astype(np.float32), limits=(5e-6, 5e-4))
@@ -92,14 +100,15 @@ def with_slivers(aspect: float) -> Case:
 
 CASES: dict[str, Callable[[], Case]] = {
     "ordinary": with_attributes,
-    # A point of a triangle without area has several colours: rounding decides which is used.
+    # A point of a triangle without area has several colours, and rounding decides which is used.
     "without area": lambda: with_attributes(
         [[(5.3, 6.1)] * 3, [(2, 2), (6, 4), (12, 7)], [(4.5, 1), (4.5, 13), (4.5, 7)]],
         limits=(0.1, 2.0),
     ),
     "small": lambda: with_attributes([[(7.3, 5.2), (7.302, 5.201), (7.3007, 5.2018)]]),
     "slivers of 1e3": lambda: with_slivers(1e3)._replace(limits=(1e-5, 2e-4)),
-    # Their sides are a rounding apart: rounding decides which is nearer, or how far between them.
+    # The two long sides are a rounding apart, so rounding decides which of them is nearer, and
+    # where between them a point lies.
     "slivers of 1e6": lambda: with_slivers(1e6)._replace(limits=(1e-2, 1.0)),
     "canvas times 1e4": lambda: with_attributes(
         [[(7.3 - 6.1e4, 8.6 - 4.9e4), (7.3 + 6.1e4, 8.6 + 4.9e4), (-7.7e4, 8.3e4)]],
@@ -118,7 +127,7 @@ CASES: dict[str, Callable[[], Case]] = {
 
 
 def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
-    """A scene with every effect that the mode draws; corners that are not finite are 0."""
+    """The scene of a case with every effect that the mode draws; infinity and NaN become 0."""
     rng = np.random.default_rng(8)
     return sr.Scene.from_soup(
         np.nan_to_num(case.corners, nan=0, posinf=0, neginf=0).astype(dtype),
@@ -135,7 +144,7 @@ def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
 
 
 def scene_and_plan(case: Case, mode: str, dtype: Any = np.float32) -> tuple[sr.Scene, sr.Plan]:
-    """The scene, and a plan made with 0 for the corners that are not finite."""
+    """The scene, and a plan that was made with 0 in place of infinity and NaN."""
     scene, coverage = scene_of(case, mode, dtype), MODES[mode]
     if isinstance(coverage, sr.Soft):
         coverage = sr.Soft(coverage.width, temperature=case.temperature)
@@ -145,13 +154,13 @@ def scene_and_plan(case: Case, mode: str, dtype: Any = np.float32) -> tuple[sr.S
 
 
 def solve(case: Case, mode: str, dtype: Any = np.float32) -> dict[str, Any]:
-    """Image, gradient, jvp and Gauss-Newton product by every input, under the names of `Errors`."""
+    """Image, gradient, jvp and Gauss-Newton product for all inputs, named as in `Errors`."""
     scene, plan = scene_and_plan(case, mode, dtype)
     rng = np.random.default_rng(5)
     direction = jax.tree.map(
         lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), float_leaves(scene)
     )
-    # A relative change of 1 / w, by which colours are divided.
+    # 1 / w changes by a share of itself, since colours are divided by it.
     direction = eqx.tree_at(lambda d: d.inverse_w, direction, direction.inverse_w * scene.inverse_w)
     weight = jnp.asarray(rng.normal(size=(SIZE, SIZE, 3)), dtype)
     result = products(scene, plan, stack([direction]), weight, jnp.ones((SIZE, SIZE), dtype))
@@ -163,7 +172,7 @@ def solve(case: Case, mode: str, dtype: Any = np.float32) -> dict[str, Any]:
 
 
 def measure(case: Case, mode: str) -> Errors:
-    """Errors of float32 against float64, each input separately."""
+    """Errors of float32 against float64: the worst input counts, relative to its own numbers."""
     with jax.enable_x64(True):
         expected_numbers = solve(case, mode, np.float64)
     numbers = solve(case, mode)

@@ -1,7 +1,7 @@
-"""Numerically hard scenes, and the errors that float32 may make in each.
+"""Numerically hard scenes, and the greatest error that float32 may have in each.
 
-Six flat triangles on a canvas of 16 x 16 pixels, so that all cases share one program. In each case
-some of the triangles are hard and the others ordinary.
+Nearly all have six flat triangles on 16 x 16 pixels, some of them hard and the others ordinary.
+They share one program for each mode.
 """
 
 from collections.abc import Callable
@@ -24,16 +24,18 @@ MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
     "area": sr.Area(),
     "sum": sr.Area("sum"),
 }
-"""`hard` draws every case in opaque colours, the others in translucent ones."""
+"""Coverage options by name. `hard` draws every case in opaque colours, the others translucent."""
 
 
 class Case(NamedTuple):
-    """Corners `[6, 3, 2]` and RGBA `[6, 4]`, float32.
+    """A hard scene, and the errors allowed in float32. Arrays are float32; n is mostly 6.
 
-    - `modes`: the modes that draw it.
-    - `softness`: width of soft coverage in pixels.
-    - `limits`: stated errors of the value, and of the three products, relative to the greatest
-      number of each or to 1.
+    - `corners`: `[n, 3, 2]` in pixels.
+    - `colors`: straight RGBA `[n, 4]`.
+    - `modes`: the modes that draw the case.
+    - `softness`: width of soft edges in pixels.
+    - `limits`: greatest error of the image, and of the gradient, jvp and Gauss-Newton product,
+      relative to the greatest number of each or to 1.
     - `size`: side of the canvas in pixels.
     """
 
@@ -46,7 +48,7 @@ class Case(NamedTuple):
 
 
 def ordinary_triangles(seed: int = 0) -> np.ndarray:
-    """Triangles of a few pixels."""
+    """Triangles `[6, 3, 2]` of a few pixels."""
     rng = np.random.default_rng(seed)
     spread = rng.normal(size=(COUNT, 3, 2)) * 3
     return (rng.uniform(3, SIZE - 3, (COUNT, 1, 2)) + spread).clip(-6, SIZE + 6).astype(np.float32)
@@ -60,7 +62,7 @@ def translucent_colors(seed: int = 1) -> np.ndarray:
 
 
 def with_hard_triangles(hard: list, **options) -> Case:
-    """Ordinary triangles, some of them replaced by up to six hard ones."""
+    """Ordinary triangles, up to six of which are replaced by `hard` ones."""
     corners = ordinary_triangles()
     hard_corners = np.asarray(hard, np.float32)
     indices = [1, 3, 5, 0, 2, 4][: len(hard_corners)]
@@ -69,16 +71,17 @@ def with_hard_triangles(hard: list, **options) -> Case:
 
 
 def with_area(area: float) -> Case:
-    """A right triangle of `area` square pixels, rotated so that no edge is level.
+    """Ordinary triangles, and a right triangle of `area` square pixels without level edges.
 
-    A large one has its longest edge across the canvas; a small one lies at 1/64 pixel from the
-    corner of the canvas, where float32 is fine enough to represent it.
+    A large one has its longest edge across the canvas. A small one lies 1/64 pixel from the corner
+    of the canvas, where float32 is fine enough to represent it.
     """
     leg = (2 * area) ** 0.5
     turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
     shape = np.array([[0, 0], [leg, 0], [0, leg]]) @ turn.T
-    # A third along its longest edge lies near the middle of the canvas. There, no crossing with a
-    # line of samples is so near to a side of a pixel that rounding decides on which it lies.
+    # The point a third along the longest edge is moved near the middle of the canvas. With this
+    # offset, the edge crosses no line of samples so near to a side of a pixel that rounding decides
+    # in which pixel the crossing lies.
     middle = np.array([6.66, 8.6]) - (shape[1] * 2 + shape[2]) / 3
     placed = shape + (1 / 64 if leg < 1 else middle)
     return with_hard_triangles([placed])
@@ -102,7 +105,7 @@ def sliver(start: tuple, end: tuple, aspect: float = 1e6) -> list:
 
 
 def with_coordinate(value: float) -> Case:
-    """Ordinary triangles, one coordinate of one corner set to `value`."""
+    """Ordinary triangles, with one coordinate of one corner set to `value`."""
     corners = ordinary_triangles()
     corners[3, 1, 0] = value
     return Case(corners, translucent_colors())
@@ -116,11 +119,11 @@ def clear_and_opaque() -> Case:
 
 
 def with_width(softness: float) -> Case:
-    """Upright and level edges on pixel centres, where the derivative is not zero for any width."""
+    """Vertical and horizontal edges on pixel centres, where no soft edge has a zero derivative."""
     corners = ordinary_triangles()
     corners[1] = [(4.5, -6), (4.5, 22), (22, 7.25)]
     corners[4] = [(-6, 9.5), (22, 9.5), (7.25, 22)]
-    # A distance has an error of a few roundings of a coordinate, which is divided by the width.
+    # Coverage depends on distance over width. A distance errs by a few roundings of a coordinate.
     limits = (max(2e-6, min(0.5, 1e-6 / softness)), max(2e-5, min(1.0, 4e-6 / softness)))
     return Case(corners, translucent_colors(), ("soft",), softness, limits)
 
@@ -154,7 +157,8 @@ CASES: dict[str, Callable[[], Case]] = {
         f"area {area:.0e}": (lambda area=area: with_area(area))
         for area in (1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9)
     },
-    # A pixel contains a millionth of the longest edge.
+    # The part of the longest edge in a pixel is about a millionth of it, so derivatives by its ends
+    # are differences of nearly equal numbers.
     "area 1e+12": lambda: with_area(1e12)._replace(limits=(2e-6, 1e-3)),
     "slivers": lambda: with_hard_triangles(
         [
@@ -170,7 +174,7 @@ CASES: dict[str, Callable[[], Case]] = {
         [sliver((-481.3, -322.1), (513.2, 341.7)), sliver((-500.3, 11.2), (499.2, 5.4))]
     ),
     "canvas times 1e4": lambda: with_hard_triangles(
-        # An edge across the canvas, which it meets at some angle to the pixels.
+        # The long edge crosses the canvas, and is not parallel to the sides of pixels.
         [[(7.3 - 6.1e4, 8.6 - 4.9e4), (7.3 + 6.1e4, 8.6 + 4.9e4), (-7.7e4, 8.3e4)]],
         limits=(2e-6, 1e-4),
     ),

@@ -1,8 +1,8 @@
-"""Triangles without area, or hardly any, and the limits that their derivatives must keep to.
+"""Triangles with little or no area, and limits on the size and mismatch of their derivatives.
 
-Each lies between two ordinary triangles on a canvas of 16 x 16 pixels. `stability_measure` leaves
-out pixels whose derivative jumps within a rounding of the corners, which is every pixel that such
-a triangle touches; these checks leave out nothing.
+Each is drawn between two ordinary triangles, on a canvas of 16 x 16 pixels. `stability_measure`
+leaves out pixels whose derivative jumps within a rounding of the corners, and so every pixel that a
+triangle without area touches. The checks here leave out nothing.
 """
 
 from collections.abc import Callable
@@ -19,10 +19,10 @@ SIZE = 16
 Coverage = sr.Hard | sr.Soft | sr.Area
 
 DEGENERATE = 1
-"""Index of the degenerate one of the three triangles."""
+"""Index of the degenerate triangle among the three of a scene."""
 
 WIDTHS = (1e-4, 0.1, 1.0, 100.0)
-"""Widths of soft coverage in pixels."""
+"""Widths of soft edges, in pixels."""
 
 MODES: dict[str, tuple[Coverage, str]] = {
     "hard": (sr.Hard(16), ""),
@@ -35,16 +35,16 @@ MODES: dict[str, tuple[Coverage, str]] = {
     "area, shaded": (sr.Area(), "gat"),
     "sum, shaded": (sr.Area("sum"), "ga"),
 }
-"""Coverage, and the effects of `scene_of`, by name."""
+"""Coverage option and effects, as letters for `scene_of`, by name."""
 
 GRADIENT_LIMIT = 4.0
-"""Greatest `relative_gradient` that is allowed."""
+"""Greatest `relative_gradient` allowed."""
 
 MISMATCH_LIMIT = 2e-3
-"""Greatest `mismatch` of jvp and vjp that is allowed.
+"""Greatest `mismatch` of jvp and vjp allowed.
 
-The worst case is a triangle of a few roundings on the centre of a pixel: its direction from there
-is known to a rounding over a thousandth of a pixel.
+The worst case is a triangle of a few roundings in size at a pixel centre. The direction from the
+centre to it is known only to a rounding over a thousandth of a pixel.
 """
 
 
@@ -53,7 +53,7 @@ def _on_line(start: np.ndarray, end: np.ndarray, fraction: float) -> list[np.nda
 
 
 def _lifted(height: float) -> Callable[[np.ndarray, np.ndarray], list[np.ndarray]]:
-    """The third corner between the others, and `height` pixels off their line."""
+    """A builder of triangles whose third corner lies `height` pixels off the line of the others."""
 
     def build(start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
         direction = end - start
@@ -87,10 +87,10 @@ KINDS: dict[str, Callable[[np.ndarray, np.ndarray], list[np.ndarray]]] = {
         start - 997 * (end - start), end + 1013 * (end - start), 0.6
     ),
 }
-"""The three corners of each kind, from two points of the canvas."""
+"""Builders of degenerate triangles by kind: from two points on the canvas to three corners."""
 
 SEGMENTS = (
-    # Through centres of pixels: on the diagonal, upright, level; rising by one half.
+    # Through pixel centres: diagonal, vertical, horizontal, and with a slope of one half.
     ((0.0, 0.0), (10.0, 10.0)),
     ((4.5, 1.5), (4.5, 13.5)),
     ((2.5, 9.5), (12.5, 9.5)),
@@ -101,7 +101,7 @@ SEGMENTS = (
 
 
 def corners_of_kind(kind: str, *, random: int = 5) -> np.ndarray:
-    """Triangles of a kind, `[n, 3, 2]` in float32: on `SEGMENTS` first, then random ones."""
+    """Triangles of a kind, float32 `[n, 3, 2]`: one on each of `SEGMENTS`, then `random` others."""
     rng = np.random.default_rng(11)
     ends = [*np.asarray(SEGMENTS), *rng.uniform(1, SIZE - 1, (random, 2, 2))]
     return np.asarray([KINDS[kind](*pair) for pair in ends], np.float32)
@@ -115,9 +115,10 @@ ORDINARY = np.array(
 
 
 def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scene:
-    """A scene with corner colours (g), alpha (a), depth (d) and a texture (t), by letters.
+    """A scene of three triangles, with the effects that the letters in `effects` name.
 
-    `depth`, `color`: the greatest. `derive` inserts the degenerate triangle.
+    The letters are g for corner colours, a for alpha, d for depth and t for a texture. `depth` and
+    `color` are the greatest values. `derive` replaces the triangle in the middle.
     """
     rng = np.random.default_rng(3)
     soup = np.stack([ORDINARY[0], CROSSING, ORDINARY[1]])
@@ -137,7 +138,7 @@ def scene_of(effects: str, *, depth: float = 1.0, color: float = 1.0) -> sr.Scen
 
 
 def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
-    """One plan for all triangles: of a scene in which each crosses the canvas."""
+    """A plan for any degenerate triangle, made for triangles that all cross the canvas."""
     crossings = jnp.asarray(np.tile(CROSSING, (3, 1)), jnp.float32)
     scene = eqx.tree_at(lambda s: s.positions, scene_of(effects), crossings)
     widest = max(WIDTHS) if isinstance(coverage, sr.Soft) else None
@@ -145,7 +146,12 @@ def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
 
 
 class Derivatives(NamedTuple):
-    """The image, its tangent, and the gradient `[3, 2]` by the degenerate triangle's corners."""
+    """The image, its jvp and its vjp, by the corners of the degenerate triangle.
+
+    - `image`: `[SIZE, SIZE, 3]`.
+    - `tangent`: J v along `VELOCITY`, `[SIZE, SIZE, 3]`.
+    - `gradient`: J^T w for `WEIGHT`, `[3, 2]`.
+    """
 
     image: np.ndarray
     tangent: np.ndarray
@@ -157,7 +163,7 @@ WEIGHT = np.random.default_rng(6).normal(size=(SIZE, SIZE, 3)).astype(np.float32
 
 
 BATCH = 42
-"""Number of triangles in one call, which draws them one after the other."""
+"""Number of triangles that one compiled call draws, one after another."""
 
 
 @eqx.filter_jit
@@ -175,7 +181,7 @@ def _derive(scene: sr.Scene, plan: sr.Plan, batch: Any, velocity: Any, weight: A
 
 
 def derive_each(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> list[Derivatives]:
-    """Image, jvp and vjp of degenerate triangles `[n, 3, 2]`, each in a scene of its own."""
+    """Image, jvp and vjp for each degenerate triangle of `corners` `[n, 3, 2]`, one per scene."""
     derived = []
     for first in range(0, len(corners), BATCH):
         chunk = np.asarray(corners[first : first + BATCH], np.float32)
@@ -194,7 +200,7 @@ def derive(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> Derivatives:
 
 
 def mismatch(derivatives: Derivatives) -> float:
-    """How far the jvp is from the vjp: of `w . J v` and `J^T w . v`, over the norms of both."""
+    """The difference between `w . J v` and `J^T w . v`, over the sum of the norms' products."""
     forward = float((WEIGHT * derivatives.tangent).sum())
     backward = float((derivatives.gradient * VELOCITY).sum())
     scale = np.linalg.norm(WEIGHT) * np.linalg.norm(derivatives.tangent)
@@ -203,10 +209,10 @@ def mismatch(derivatives: Derivatives) -> float:
 
 
 def thickened(corners: np.ndarray) -> np.ndarray:
-    """Six triangles that are a pixel thick, over each edge to either side, `[6, 3, 2]`.
+    """Six triangles `[6, 3, 2]` that are a pixel thick: one on either side of each edge.
 
-    An edge shorter than a pixel is made one long around its middle, along x if it has no direction.
-    The third corner lies a pixel from its middle.
+    Their third corners lie a pixel from the middle of the edge. An edge shorter than a pixel is
+    first lengthened to one pixel about its middle, along x if its length is 0.
     """
     triangles = []
     for k in range(3):
@@ -222,7 +228,7 @@ def thickened(corners: np.ndarray) -> np.ndarray:
 
 
 def relative_gradient(derivatives: Derivatives, thick: list[Derivatives]) -> float:
-    """Greatest entry of the gradient, over that of `thickened` triangles."""
+    """The greatest entry of the gradient, over the greatest one of the `thickened` triangles."""
     reference = max(np.abs(derived.gradient).max() for derived in thick)
     largest = np.abs(derivatives.gradient).max()
     return float(largest / reference) if reference > 0 else float(np.inf if largest > 0 else 0)
@@ -241,21 +247,22 @@ SHADED_KINDS = (
     "tiny, 1e-05 px",
     "needle",
 )
-"""Kinds for scenes with effects, which take a hundred times as long as flat ones."""
+"""Kinds that are drawn with effects, which take a hundred times as long as flat scenes."""
 
 
 def measure(
     mode: str, *, widths: tuple[float, ...] = WIDTHS, random: int = 1
 ) -> list[dict[str, Any]]:
-    """The worst of each kind: `jvp_vjp` is `mismatch`, `largest` is `relative_gradient`.
+    """Measure the worst triangle of each kind: a row for each width and kind.
 
-    Scenes with effects are measured at one width, and for `SHADED_KINDS`.
+    In a row, `jvp_vjp` is the greatest `mismatch`, and `largest` the greatest `relative_gradient`.
+    Scenes with effects are measured at one width, and for `SHADED_KINDS` alone.
     """
     coverage, effects = MODES[mode]
     scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
     kinds = SHADED_KINDS if effects else tuple(KINDS)
     if isinstance(coverage, sr.Hard):
-        # The plan is for triangles that cross the canvas, not for those past the guard band.
+        # The plan is for triangles within the guard band.
         kinds = tuple(kind for kind in kinds if kind != "far")
     if effects:
         widths = (1.0,)
@@ -285,10 +292,14 @@ HEIGHTS = tuple(sign * 10.0**-power for power in range(8) for sign in (1, -1))
 
 
 def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
-    """How much changes between a height of 1e-7 pixels, of either sign, and no height.
+    """Measure how much changes when a triangle of height +-1e-7 pixels collapses to height 0.
 
-    The image; the gradient and the jvp, over their greatest number at a height of one pixel.
-    `largest`: the greatest gradient at any height, over the same.
+    There is a row for each width and segment:
+
+    - `value`: the greatest change of the image.
+    - `gradient`, `jvp`: the greatest change of each, over its greatest number at a height of one
+      pixel.
+    - `largest`: the greatest gradient at any of `HEIGHTS`, over the same.
     """
     coverage, effects = MODES[mode]
     scene, plan, rows = scene_of(effects), plan_of(coverage, effects), []
@@ -324,4 +335,4 @@ BY_THE_ORIGIN = (
     ((2.2, 2.0**-6), (13.1, 2.0**-6)),
     ((2.0**-6, 14.3), (2.0**-6, 3.4)),
 )
-"""Segments where float32 represents a height of 1e-7; elsewhere it is rounded up to 5e-7."""
+"""Segments at which float32 represents a height of 1e-7 px; elsewhere roundings reach 5e-7 px."""

@@ -1,4 +1,4 @@
-"""Errors of the package in float32 against float64, case by case."""
+"""Errors of the package in float32 against float64, for each case of `stability_cases`."""
 
 from typing import Any, NamedTuple
 
@@ -20,9 +20,10 @@ ROUNDING = 4 * float(np.spacing(np.float32(SIZE)))
 
 
 class Errors(NamedTuple):
-    """Greatest error of each, over the greatest true number or 1; infinite if one is not finite.
+    """Greatest error of the image, of J^T w, of J v and of J^T J v, and what was compared.
 
-    `compared`: share of pixels whose derivative is known, and compared.
+    Errors are relative to the greatest true number or to 1. They are infinite if a number is not
+    finite. `compared` is the share of pixels whose derivative is known, and so compared.
     """
 
     value: float
@@ -37,7 +38,10 @@ class Errors(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """An image and its products in numpy; those by the scene for corners, colours, background."""
+    """An image and the products with its Jacobian, as NumPy arrays.
+
+    - `gradient`, `gauss_newton`: a tuple of corners, colours and background.
+    """
 
     image: np.ndarray
     gradient: tuple[np.ndarray, ...]
@@ -46,7 +50,7 @@ class Numbers(NamedTuple):
 
 
 def directions(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A direction of the corners, of RGBA and of the background."""
+    """A seeded direction of corners `[count, 3, 2]`, RGBA `[count, 4]` and background `[3]`."""
     rng = np.random.default_rng(5)
     return rng.normal(size=(count, 3, 2)), rng.normal(size=(count, 4)), rng.normal(size=3)
 
@@ -56,7 +60,7 @@ def weight_of(shape: tuple[int, ...]) -> np.ndarray:
 
 
 def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
-    """The scene of a case; corners that are not finite are 0."""
+    """The scene of a case; infinite and NaN coordinates become 0."""
     channels = 3 if mode == "hard" else 4
     return sr.Scene.from_soup(
         np.nan_to_num(case.corners, nan=0, posinf=0, neginf=0).astype(dtype),
@@ -68,10 +72,10 @@ def scene_of(case: Case, mode: str, dtype: Any) -> sr.Scene:
 def from_package(
     case: Case, mode: str, compared: np.ndarray, dtype: Any = np.float32, shift: int = 0
 ) -> Numbers:
-    """The package's image and products.
+    """The image and products that the package computes.
 
-    - `compared`: pixels that count in products with the transpose.
-    - `shift`: by how much the scene and the plan's origin are moved, along both axes.
+    - `compared`: the pixels `[size, size]` that count in products with J^T.
+    - `shift`: how far the scene and the plan's origin are moved along both axes, in pixels.
     """
     scene, coverage, widest = scene_of(case, mode, dtype), MODES[mode], None
     if isinstance(coverage, sr.Soft):
@@ -107,7 +111,10 @@ def from_package(
 
 
 def reference(case: Case, mode: str) -> tuple[Numbers, np.ndarray]:
-    """The true numbers, in float64 without the package, and the pixels where they are known."""
+    """The true image and products, in float64 without the package.
+
+    Also the pixels `[size, size]` whose derivatives are known, and so compared.
+    """
     soft = isinstance(MODES[mode], sr.Soft)
     if soft:
         cover, smooth = (
@@ -132,7 +139,7 @@ def reference(case: Case, mode: str) -> tuple[Numbers, np.ndarray]:
 
 
 def relative_error(found: Any, true: Any) -> float:
-    """Greatest difference over all arrays of a result, over the greatest true number or 1."""
+    """The greatest difference in any array of a result, over the greatest true number or 1."""
     pairs = list(zip(jax.tree.leaves(found), jax.tree.leaves(true), strict=True))
     if not all(np.isfinite(a).all() for a, _ in pairs):
         return np.inf
@@ -141,7 +148,7 @@ def relative_error(found: Any, true: Any) -> float:
 
 
 def compare(found: Numbers, true: Numbers, compared: np.ndarray) -> Errors:
-    """Errors of `found`: all of it must be finite, but only pixels `compared` count for the jvp."""
+    """Errors of `found`. All its numbers must be finite, but the jvp counts at `compared` alone."""
     mask = compared[..., None]
     jvp = np.where(mask | ~np.isfinite(found.jvp), found.jvp, 0)
     return Errors(
@@ -154,10 +161,10 @@ def compare(found: Numbers, true: Numbers, compared: np.ndarray) -> Errors:
 
 
 def measure(case: Case, mode: str) -> Errors:
-    """Errors in float32: of soft and exact coverage, against the reference.
+    """Errors of float32: soft coverage and exact area are compared with `reference`.
 
-    Hard mode is compared with itself in float64, which shows rounding errors alone: its image is
-    tested against an oracle in integers and its derivatives against a quadrature elsewhere.
+    Hard mode is compared with itself in float64, which shows rounding errors alone. Other tests
+    compare its image with an oracle in integers, and its derivatives with quadrature.
     """
     if mode in ("hard", "glass"):
         compared = np.ones((case.size, case.size), bool)
@@ -169,10 +176,10 @@ def measure(case: Case, mode: str) -> Errors:
 
 
 def moved(mode: str, shift: int, *, on_grid: bool) -> tuple[Errors, bool]:
-    """Errors of an ordinary scene that lies `shift` pixels away, and whether no bit changed.
+    """Errors of an ordinary scene after moving it by `shift` pixels, and whether no bit changed.
 
-    `on_grid`: vertices at multiples of 1/64 pixel, which float32 represents up to 2^17 pixels;
-    others are rounded to float32 there, which shows in the errors.
+    With `on_grid`, vertices lie at multiples of 1/64 pixel, which float32 represents up to 2^17
+    pixels. Other vertices are rounded to float32 after the move, which shows in the errors.
     """
     case = CASES["ordinary"]()
     if on_grid:
@@ -187,15 +194,16 @@ def moved(mode: str, shift: int, *, on_grid: bool) -> tuple[Errors, bool]:
 LONG_MODES = ("hard", "soft", "area")
 
 LONG_SIDE = 724
-"""Side of a canvas that has more than eight million samples, at 16 per pixel."""
+"""Side, in pixels, of a canvas with more than eight million samples at 16 per pixel."""
 
 
 def long_sum(mode: str) -> tuple[float, float]:
-    """Bias of the gradient of the image's sum, by one triangle's colour and by its corners.
+    """Relative errors of long sums: of the gradient of the summed image, by colour and by corners.
 
-    The triangle covers half of the canvas. The bias is relative to the norm of the true gradient:
-    for areas in closed form; for soft coverage by numpy; for hard samples by counting them (by
-    colour), and by the package in float64 (by corners).
+    The scene is one triangle that covers about half of the canvas. Errors are relative to the norm
+    of the true gradient. It is known in closed form for exact area, and from NumPy for soft
+    coverage. For hard samples, the gradient by colour is a count of samples, and the gradient by
+    corners comes from the package in float64.
     """
     corners = np.array([(9.25, 21.5), (711.75, 84.25), (301.5, 705.25)])
     color, background = np.array([[0.8, 0.1, 0.3]]), np.ones(3)

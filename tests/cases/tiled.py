@@ -1,4 +1,4 @@
-"""Scenes on canvases of several windows, and their images put together from the windows."""
+"""Scenes on a canvas of several windows, and images put together from the windows."""
 
 from typing import Any
 
@@ -8,14 +8,14 @@ import softras2d as sr
 from softras2d.numerics.device import Devices
 
 HEIGHT, WIDTH, TILE = 100, 150, 64
-"""Two rows of three windows; the last ones are cut."""
+"""Canvas and windows in pixels: two rows of three windows, of which the last ones are cut."""
 
 COUNT = 150
-"""Triangles: too many for a plan that lists all of them in every tile."""
+"""Number of triangles: too many for a plan to list all of them in every tile."""
 
 
 def scene_of(effects: str = "", seed: int = 0, dtype: type = np.float32) -> sr.Scene:
-    """Triangles of a few pixels, over one that reaches beyond the canvas.
+    """A scene of small triangles, over one that reaches beyond the canvas.
 
     `effects`: words among `corners`, `alpha`, `depth` and `texture`.
     """
@@ -34,14 +34,14 @@ def scene_of(effects: str = "", seed: int = 0, dtype: type = np.float32) -> sr.S
 
 
 def whole_image(scene: sr.Scene, coverage: Any) -> np.ndarray:
-    """The image of the whole canvas."""
+    """The image of the whole canvas, by one plan."""
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
     assert not plan.lists_all
     return np.asarray(sr.render(scene, plan))
 
 
 def joined(scene: sr.Scene, plan: sr.TiledPlan, devices: Devices | None = None) -> np.ndarray:
-    """The image of a canvas from those of its windows."""
+    """The image of the whole canvas, put together from the images of its windows."""
     image = np.full((plan.height, plan.width, scene.background.shape[-1]), np.nan, np.float32)
     for window, pixels in sr.render_tiles(scene, plan, devices=devices):
         assert pixels.shape[:2] == (window.height, window.width)

@@ -1,4 +1,4 @@
-"""What the tests of the viewer look at, and how they ask for it."""
+"""A small scene, image and session for tests of the viewer, and requests to the session."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.session import Reply, Session
 
 HEIGHT, WIDTH = 48, 64
-"""The canvas of the scene at zoom 1."""
+"""Size of the scene's canvas at zoom 1, in pixels."""
 
 VIEW = {"zoom": 1.5, "x": 10, "y": 5, "height": 64, "width": 96}
 
@@ -25,12 +25,12 @@ def small_scene(channels: int = 3) -> sr.Scene:
 
 
 def small_image() -> np.ndarray:
-    """An image of the size of the scene."""
+    """A random image of the size of the scene's canvas."""
     return np.random.default_rng(1).uniform(0, 1, (HEIGHT, WIDTH, 3)).astype(np.float32)
 
 
 def small_session() -> Session:
-    """The scene, and an image."""
+    """A session that shows the small scene and the small image."""
     return Session(
         [
             SceneInMemory("scene", small_scene(), HEIGHT, WIDTH),
@@ -52,7 +52,7 @@ def pixels_of(reply: Reply) -> np.ndarray:
 
 
 def bytes_of(scene: sr.Scene, view: dict[str, Any], coverage: Any, filter: Any = None) -> Any:
-    """The RGB bytes of `render` for a view of an enlarged scene, by a plan for it alone."""
+    """The RGB bytes of `render` for a view of an already enlarged scene, by a plan for it alone."""
     plan = sr.plan(
         scene,
         height=view["height"],
@@ -66,7 +66,10 @@ def bytes_of(scene: sr.Scene, view: dict[str, Any], coverage: Any, filter: Any =
 
 
 def unpacked(header: dict[str, Any], payload: bytes) -> bytes:
-    """The bytes of a message of which the pixels may be packed, block by block."""
+    """The payload of a message with its pixels unpacked.
+
+    Pixels may be packed block by block: a block of one colour is sent as one pixel.
+    """
     if "blocks" not in header:
         return payload
     blocks, colors = header["blocks"], header["colors"]

@@ -1,4 +1,4 @@
-"""Visibility buffers of a few triangles, computed sample by sample in NumPy."""
+"""Visibility buffers of a few triangles, computed in NumPy at every sample."""
 
 from typing import NamedTuple
 
@@ -26,9 +26,9 @@ def visible(
     width: int,
     rate: int = 4,
 ) -> Visible:
-    """The nearest triangle at each of `rate` x `rate` samples per pixel, and what belongs to it.
+    """The nearest triangle at each of `rate` x `rate` samples per pixel, its weights and its depth.
 
-    Where the background shows, weights and depth are NaN, so that reading them shows.
+    Weights and depth are NaN where the background shows, so that a test notices if they are read.
     """
     rows, columns = (
         (np.arange(side * rate).reshape(side, rate) + 0.5) / rate for side in (height, width)

@@ -1,4 +1,4 @@
-"""How much work a function does, as a number of calls, which no busy machine changes."""
+"""The work of a function, measured in function calls, which do not depend on a busy machine."""
 
 import sys
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def count_calls(function: Callable[[], Any]) -> int:
-    """Number of calls of functions, in Python and C, that the function makes."""
+    """The number of calls, of functions in Python and in C, that running a function makes."""
     calls = 0
 
     def count(frame: Any, event: str, argument: Any) -> None:

@@ -1,4 +1,4 @@
-"""What every test of the command line needs: a cache of its own, and a terminal of known width."""
+"""Fixtures for all tests of the command line: an empty cache, and a terminal of known width."""
 
 import jax
 import pytest

@@ -275,7 +275,7 @@ class TestOnRealScenes:
         assert f"2 pictures in {tmp_path / 'out'}" in result.stdout
         names = {"joints-4.png", "squares-4.png", "contact_sheet.png"}
         assert {path.name for path in (tmp_path / "out").iterdir()} == names
-        # The demo draws it padded to the triangles of the other, under one plan.
+        # The demo pads this scene to the size of the other one, and draws both by one plan.
         scene = scenes.read("joints")
         plan = sr.plan(scene, height=300, width=300, coverage=sr.Hard(samples=4))
         image = np.floor(np.asarray(sr.render(scene, plan)) * 255 + 0.5) / np.float32(255)
@@ -319,7 +319,7 @@ class TestAsAProcess:
         os.mkfifo(pipe)
         command = [*COMMAND, "render", str(pipe), "-o", str(tmp_path / "a.png")]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        # Opening returns when the command has opened the other end; it then waits for text.
+        # `open` returns when the command has opened the other end. The command then waits for text.
         with pipe.open("wb"):
             process.send_signal(signal.SIGINT)
             output, errors = process.communicate(timeout=60)

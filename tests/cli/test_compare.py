@@ -1,4 +1,4 @@
-"""`softras2d compare`: exit codes, what is printed and written, drawings, errors."""
+"""`softras2d compare`: exit codes, printed and written results, drawings as inputs, and errors."""
 
 from pathlib import Path
 

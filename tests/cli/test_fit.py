@@ -260,7 +260,7 @@ def test_ctrl_c_saves_the_best_so_far(photo, tmp_path):
     output = tmp_path / "a.npz"
     command = [*COMMAND, str(photo), "-n", "8", "--steps", "100000000", "-o", str(output)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    # The steps would take hours; half a minute after they begin there is a checkpoint.
+    # All steps would take hours. The first checkpoint comes half a minute after they begin.
     limit = time.monotonic() + 300
     while not output.exists():
         assert process.poll() is None and time.monotonic() < limit

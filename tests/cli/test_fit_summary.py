@@ -14,7 +14,7 @@ from softras2d.fitting.result import Record
 def result(
     triangles: int, vertices: int = 0, first_record: float = 1.0, **settings
 ) -> sr.FitResult:
-    """A result with so many triangles and vertices, of a fit with these settings."""
+    """A fit result with the given numbers of triangles and vertices, and the given settings."""
     scene = sr.Scene.from_soup(np.zeros((triangles, 3, 2)), np.zeros((triangles, 3)))
     if vertices:
         scene = replace(

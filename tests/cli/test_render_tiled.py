@@ -47,7 +47,7 @@ def test_errors_name_the_scene_or_the_image_file(tmp_path, monkeypatch):
 
         monkeypatch.setattr(write_tiles, "write_tiles", fail)
         code, output = run("wheel", "-o", image, "--tiled", "--size", "64")
-        # Lines of a terminal are wrapped, also within a path.
+        # A terminal wraps long lines, even within a path.
         text = output.replace("\n", "")
         assert code == 1 and line in text
         assert ("wheel" in text) == line.startswith("wheel")

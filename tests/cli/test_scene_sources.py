@@ -50,14 +50,14 @@ def test_bundled_scenes_have_names(name, tmp_path, monkeypatch):
     scene, height, width = read(name)
     assert (height, width) == (scenes.SIZE, scenes.SIZE)
     assert scene.triangles.shape == scenes.read(name).triangles.shape
-    # A file of the same name comes first.
+    # A file of the same name takes precedence over a bundled scene.
     Path(name).write_text(SQUARE.format(' width="20" height="20"'))
     assert read(name)[1:] == (20, 20)
 
 
 @pytest.mark.parametrize("name", ["rings", "hairlines", "ground"])
 def test_the_viewer_knows_bundled_scenes(name, tmp_path, monkeypatch):
-    """From a file, in the course's dialect, and made by a function."""
+    """The scenes are stored as a file, stored in the course's dialect, or made by a function."""
     monkeypatch.chdir(tmp_path)
     drawing = Path("square.svgz")
     drawing.write_bytes(gzip.compress(SQUARE.format("").encode()))
@@ -65,7 +65,7 @@ def test_the_viewer_knows_bundled_scenes(name, tmp_path, monkeypatch):
     assert other.size() == (20, 20)
     assert subject.size() == (scenes.SIZE, scenes.SIZE)
     np.testing.assert_array_equal(subject.scene_at(1).triangles, scenes.read(name).triangles)
-    # A file of the same name comes first.
+    # A file of the same name takes precedence over a bundled scene.
     Path(name).write_text("")
     with pytest.raises(ValueError, match=name):
         open_subjects([Path(name)], ReadOptions())[0].size()
@@ -86,7 +86,7 @@ def test_the_viewer_reads_standard_input(monkeypatch):
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text)))
     (subject,) = open_subjects([Path("-")], ReadOptions())
     assert subject.size() == (20, 20) and not subject.may_change
-    # It is there at every zoom, although it was read once.
+    # Standard input can be read only once, but its drawing is shown at every zoom.
     for zoom in (1, 3):
         assert subject.scene_at(zoom).triangles.shape[0] == 2
     command = subject.command(View(zoom=3.0, x=0, y=0, height=30, width=40), Settings())

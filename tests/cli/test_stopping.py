@@ -1,4 +1,4 @@
-"""Signals are answered at once, also while the main thread runs no Python instruction."""
+"""Ctrl-C and other signals take effect at once, even while the main thread runs no Python code."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""`compare`: every measure against small formulas, images of other channels, errors, the table."""
+"""`compare`: every measure equals a small formula; images with and without alpha, errors, table."""
 
 import sys
 
@@ -51,7 +51,7 @@ def test_equal_images_have_no_worst_pixel():
 
 
 def test_one_level_is_within_the_default_tolerance_at_every_level():
-    """Adjacent levels in float32 differ by a little more than 1/255, or a little less."""
+    """Adjacent 8-bit levels differ by 1 / 255 up to a rounding of float32, up or down."""
     levels = (np.arange(256) / 255).astype(np.float32).reshape(1, 256, 1)
     assert sr.compare(levels[:, 1:], levels[:, :-1]).matches
     assert sr.compare(levels[:, 2:], levels[:, :-2]).differing_pixels == 254

@@ -1,4 +1,4 @@
-"""Colours that are interpolated while compositing against colours that are interpolated before."""
+"""Interpolating colours while compositing gives the image of interpolating them before."""
 
 from dataclasses import replace
 
@@ -16,8 +16,8 @@ SIZE, TRIANGLES, BATCH = 32, 24, 2
 @pytest.mark.slow
 @pytest.mark.parametrize("coverage", [sr.Soft(0.8), sr.Area()], ids=["soft", "area"])
 def test_opaque_corner_colors_equal_those_with_an_alpha_of_one(coverage, monkeypatch):
-    # Colours with alpha are interpolated before compositing. Small blocks, of which there are
-    # several and the last is not whole.
+    # Colours with alpha are interpolated before compositing. Blocks are made small, so that there
+    # are several and the last one is not full.
     monkeypatch.setattr(interpolated_over, "_CHUNKS", 7)
     rng = np.random.default_rng(0)
     corners = rng.uniform(-2, SIZE + 2, (BATCH, TRIANGLES, 3, 2)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Images and gradients of translucent layers against sums over dense arrays in float64."""
+"""Images and gradients of translucent layers equal dense compositing in float64."""
 
 from dataclasses import replace
 
@@ -20,7 +20,8 @@ def test_image_and_gradient_by_colors_equal_the_dense_ones(count, corners):
         scene = layered_scene(count, corners)
         plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(RATE**2))
         soup = np.asarray(scene.positions).reshape(-1, 3, 2)
-        # The samples of snapped triangles: none lies within a grid unit of an edge here.
+        # Corners are rounded to the vertex grid, as in a render. No sample lies within a grid unit
+        # of an edge here, so rounding decides no coverage.
         weights, covered = dense_weights(np.round(soup * 2.0**plan.grid.bits) / 2.0**plan.grid.bits)
         cotangent = jnp.asarray(np.random.default_rng(1).normal(size=(SIDE, SIDE, 3)))
 
@@ -44,7 +45,7 @@ def test_image_and_gradient_by_colors_equal_the_dense_ones(count, corners):
 
 @pytest.mark.slow
 def test_a_batch_has_the_gradients_of_its_scenes():
-    """The lists of its scenes have different lengths, in segments and in layers."""
+    """The scenes' lists of triangles differ in length, and in their number of segments."""
     count, side = 40, 128
     rng = np.random.default_rng(3)
     scenes = [
@@ -75,7 +76,7 @@ def test_a_batch_has_the_gradients_of_its_scenes():
 @pytest.mark.slow
 @pytest.mark.parametrize("corners", [1, 3])
 def test_layers_that_are_fully_transparent_change_no_gradient(corners):
-    """Forty of them make each list longer than one mask of layers."""
+    """Forty transparent triangles make each list longer than the bits of one layer mask."""
     scene = layered_scene(8, corners)
     rng = np.random.default_rng(5)
     clear = rng.uniform(0, 1, (20, corners, 4)) * [1, 1, 1, 0]

@@ -1,4 +1,4 @@
-"""Soft coverage and exact area of single triangles in float64: values and derivatives."""
+"""Soft coverage and exact area of single triangles have the right values and derivatives."""
 
 import functools
 
@@ -22,7 +22,7 @@ ORIGIN = np.zeros((2, 1))
 
 
 def geometry_of(slots, kind: str, tile=ORIGIN):
-    """The geometry that a measure of this kind takes, for slots `[6, slots]`."""
+    """The geometry that coverage of this kind takes, for corners `[6, slots]`."""
     tile = jnp.broadcast_to(jnp.asarray(tile, slots.dtype), (2, slots.shape[1]))
     lines = edge_lines.triangle_lines(slots, tile)
     if kind == "soft":
@@ -43,7 +43,7 @@ def cover(kind: str, name: str | int, slots, parameter, tile=ORIGIN):
 
 
 def slot_of(corners, dtype: type = np.float64):
-    """The corners of one slot `[6, 1]`, positively oriented."""
+    """The corners of one triangle as `[6, 1]`, positively oriented."""
     a, b, c = np.asarray(corners, np.float64)
     if np.cross(np.append(b - a, 0), np.append(c - a, 0))[2] < 0:
         b, c = c, b
@@ -129,7 +129,7 @@ def test_derivatives_equal_differences_of_the_value(kind, name, shape, float64):
     if isinstance(name, int):
         if kind == "soft" and thin:
             pytest.skip("slopes of weights are held in triangles thinner than a pixel")
-        # In pixels without a piece of the triangle the centroid is clamped.
+        # In pixels that the triangle does not reach, the centroid is clamped: they are left out.
         if kind == "centroid":
             weight = jnp.where(cover("area", "", slot, width) > 1e-6, weight, 0.0)
 
@@ -154,7 +154,7 @@ def test_derivatives_equal_differences_of_the_value(kind, name, shape, float64):
 
 
 def signed_distance(slots, x, y):
-    """Signed distance in plain operations, for autodiff."""
+    """Signed distance in plain operations, to be differentiated by autodiff."""
     corners = slots[:, 0].reshape(3, 2)
     point = jnp.stack([x, y])
     squares, inside = [], True
@@ -216,7 +216,7 @@ def test_weights_are_those_of_the_centroid(corners):
 @pytest.mark.parametrize("kind", ["soft", "area"])
 def test_far_corners_lose_no_digits(kind):
     rng = np.random.default_rng(0)
-    # Corners millions of pixels away, whose edges cross the tile; they are given as exact floats.
+    # Corners lie millions of pixels away, and their edges cross the tile.
     x, y = rng.uniform(-5e6, 5e6, (2, 500))
     angle = rng.uniform(0, np.pi, 500)
     half_edge = np.stack([np.cos(angle), np.sin(angle)]) * 4e6
@@ -234,7 +234,8 @@ def test_far_corners_lose_no_digits(kind):
 
 
 def test_an_edge_on_the_side_of_a_pixel_has_a_derivative(float64):
-    # Half of a square, with edges on sides of pixels; its left edge is moved.
+    # The triangle is half of a 3 x 3 square, whose left and top edges lie on sides of pixels. The
+    # direction moves its left edge.
     slot = slot_of([(2, 2), (5, 2), (2, 5)])
     slot_order = np.asarray(slot)[:, 0].reshape(3, 2)
     left = jnp.asarray([[1.0 if x == 2 else 0.0, 0.0] for x, _ in slot_order]).reshape(6, 1)
@@ -242,7 +243,7 @@ def test_an_edge_on_the_side_of_a_pixel_has_a_derivative(float64):
     def total(slot):
         return jnp.sum(cover("area", "", slot, jnp.zeros(())))
 
-    # Half of 3 x 3; the base shrinks by 1, and the height stays.
+    # The area is half of 3 x 3. The base shrinks at rate 1, and the height of 3 stays.
     assert float(total(slot)) == pytest.approx(4.5)
     assert float(jax.jvp(total, (slot,), (left,))[1]) == pytest.approx(-1.5)
 

@@ -1,4 +1,4 @@
-"""Triangles that leave the guard band: drawn by their geometry, except right at their edges."""
+"""Triangles that leave the guard band are drawn correctly, except right at their edges."""
 
 import numpy as np
 import pytest
@@ -21,19 +21,25 @@ def _plan(scene, on=ON) -> sr.Plan:
 
 
 def _coverage_of_each(*triangles) -> np.ndarray:
-    """Share of samples that each triangle covers, per pixel: drawn alone, white over black."""
+    """The share of samples that each triangle covers in each pixel, `[triangles, height, width]`.
+
+    Each triangle is drawn alone, in white over black.
+    """
     white = np.ones((1, 3), np.float32)
     scenes = [
         sr.Scene.from_soup(np.array([corners], np.float32), white, background=BLACK)
         for corners in (*triangles, AROUND * 1e3)
     ]
-    # The last one needs the most of a plan for one triangle, so that all share one program.
+    # The last scene needs the greatest capacities for one triangle, so that all share one program.
     plan = _plan(scenes)
     return np.stack([draw_scene(scene, plan)[..., 0] for scene in scenes[:-1]])
 
 
 def _bounds(corners, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest share of samples per pixel if edges err by `tolerance` px, in float64."""
+    """Least and largest share of covered samples in each pixel if edges err by `tolerance` px.
+
+    They are computed in extended precision, as corners may be far away.
+    """
     (x0, y0), (x1, y1), (x2, y2) = np.array(corners, np.float32).astype(np.longdouble)
     column = (np.arange(ON.width * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
     row = (np.arange(ON.height * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
@@ -55,11 +61,11 @@ def _bounds(corners, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
 def test_large_triangles_follow_their_edges(size):
     rng = np.random.default_rng(int(size))
     corners = rng.normal(size=(40, 3, 2)) * size + [14, 10]
-    # One edge passes near the middle, so that it shows.
+    # One edge passes near the middle of the canvas, so that it is visible.
     corners[:, 1] = 2 * np.array([14, 10]) - corners[:, 0] + rng.uniform(-5, 5, (40, 2))
     images = _coverage_of_each(*corners)
     for triangle, image in zip(corners, images, strict=True):
-        # A cut is as exact as its float32 end points: a few units in their last place.
+        # A clipped edge is as exact as its float32 end points: to a few units in the last place.
         last = float(np.spacing(np.float32(np.abs(triangle).max())))
         least, most = _bounds(triangle, 2.0**-ON.exponent + 8 * last)
         assert (image >= least - 1e-6).all()
@@ -75,7 +81,7 @@ def test_a_huge_triangle_covers_the_canvas(size):
 
 @pytest.mark.parametrize("size", [1e4, 1e6, 1e9, 1e10, 1e20, 1e38, 3e38])
 def test_a_needle_across_the_canvas_is_not_lost(size):
-    """Both ends are far away; near the middle its half width is 5."""
+    """Both ends of the needle are far away. Its axis is a side of the canvas, its half width 5."""
     needle = np.array([(size, 0), (-size, 10), (-size, -10)])
     rows, columns = _coverage_of_each(needle, needle[:, ::-1])
     wanted = np.zeros_like(rows)
@@ -97,7 +103,7 @@ def test_triangles_far_off_cover_nothing(size):
 
 
 def test_axis_aligned_edges_stay_exact():
-    """A half-plane whose edge runs along a column of samples: cutting does not move it."""
+    """Clipping does not move a long edge that runs along a column of samples."""
     x = 10.125
     right_of = [(x, -1e4), (x, 1e4), (1e4, 0)]
     wanted = np.zeros((ON.height, ON.width))
@@ -108,7 +114,7 @@ def test_axis_aligned_edges_stay_exact():
 
 @pytest.mark.slow
 def test_a_fan_of_huge_triangles_covers_each_sample_once():
-    """Under `top_left`, since neighbours are cut alike."""
+    """Neighbours are clipped alike, so the fill rule `top_left` leaves no gap and no overlap."""
     on = Canvas(21, 29, 4, "top_left")
     rng = np.random.default_rng(0)
     angles = np.sort(rng.uniform(0, 2 * np.pi, 24)) + 0.01
@@ -126,7 +132,7 @@ def test_a_fan_of_huge_triangles_covers_each_sample_once():
 
 @pytest.mark.slow
 def test_weights_are_those_of_the_uncut_triangle():
-    """Corner colours are not interpolated over the cut triangle."""
+    """Corner colours are interpolated over the triangle as it was before clipping."""
     corners = np.array([[(-1000, -1000), (3000, -1000), (-1000, 3000)]], np.float32)
     colors = np.array([[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], np.float32)
     scene = sr.Scene.from_soup(corners, colors)
@@ -139,7 +145,7 @@ def test_weights_are_those_of_the_uncut_triangle():
 
 
 def test_an_edge_cut_right_beside_a_vertex_is_not_moved():
-    """The cut edge is short if the vertex lies a few grid units inside the band."""
+    """The clipped edge is short if the vertex lies a few grid units inside the guard band."""
     on = Canvas(64, 64)
     rng = np.random.default_rng(5)
     unit = 2.0**-on.exponent

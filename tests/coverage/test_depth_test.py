@@ -1,4 +1,4 @@
-"""The depth test against an oracle of integer coverage and float64 depth."""
+"""Images with a depth test equal an oracle with integer coverage and float64 depth."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from ..oracles.coverage import Canvas
 from ..oracles.shading import Soup, draw
 
 TIE = 2e-6
-"""Depths in 0..1 that differ by less may tie, as they are interpolated in float32."""
+"""Depths in 0..1 that differ by less may be ordered either way, by rounding in float32."""
 
 
 def _plan(on: Canvas, soup: Soup, shading: str = "sample") -> sr.Plan:
@@ -90,7 +90,7 @@ def _rectangle(left, top, right, bottom) -> list:
 
 @pytest.mark.parametrize("channels", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_at_equal_depth_the_later_triangle_wins_exactly(channels):
-    """Constant depths that are no binary fractions, on rectangles cut in different ways."""
+    """Rectangles overlap at one constant depth, which mostly is no binary fraction."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, channels))
     corners, depth = np.array(soup.corners), np.array(soup.depth)
     rng = np.random.default_rng(0)
@@ -101,14 +101,14 @@ def test_at_equal_depth_the_later_triangle_wins_exactly(channels):
         depth[:] = np.float32(value)
         tied = replace(soup, corners=corners, depth=depth)
         image = render_soup(tied)
-        # No margin: these ties are not within rounding, they are exact.
+        # All samples are compared, since these ties are exact.
         assert_close(image, draw(tied, ON), message=f"{value}")
     painted = replace(tied, depth=None)
     np.testing.assert_allclose(image, draw(painted, ON).image, rtol=0, atol=2e-6)
 
 
 def test_of_a_triangle_drawn_twice_the_later_wins():
-    """Not parallel to the screen, with the same corners in the same order: all samples tie."""
+    """Two triangles with equal corners, in equal order, tie at all samples even if tilted."""
     soup = soup_of(4, texels=None, depth=True)
     fields = {}
     for name in ("corners", "depth"):
@@ -134,7 +134,7 @@ def test_order_does_not_matter_without_ties():
 
 
 def test_interpenetrating_planes_meet_at_their_crossing():
-    """Two planes that cross at x = 14, sample by sample, in any draw order."""
+    """Two planes that cross at x = 14 change there exactly, in any draw order."""
     soup = soup_of(0, texels=None, depth=True)
     corners = np.full_like(soup.corners, -1.0)
     depth, colors = np.zeros_like(soup.depth), np.zeros_like(soup.colors)
@@ -152,7 +152,7 @@ def test_interpenetrating_planes_meet_at_their_crossing():
 
 
 def test_translucent_triangles_write_depth_in_draw_order():
-    """What lies behind a triangle drawn before is hidden, even if that one is translucent."""
+    """A triangle hides what is drawn later behind it, even if it is translucent."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, 4))
     corners = np.full_like(soup.corners, -1.0)
     depth, colors = np.ones_like(soup.depth), np.zeros_like(soup.colors)
@@ -168,7 +168,7 @@ def test_translucent_triangles_write_depth_in_draw_order():
         depth[:6] = np.repeat(depths, 2)[:, None]
         image = render_soup(replace(soup, corners=corners, colors=colors, depth=depth))
         np.testing.assert_allclose(image, np.broadcast_to(wanted, (24, 28, 3)), atol=1e-6)
-    # A triangle of alpha 0 hides what is drawn later behind it, as it writes its depth.
+    # Even a triangle of alpha 0 writes its depth, and so hides what is drawn later behind it.
     colors[2:4, :, 3] = 0
     depth[:6] = np.repeat([0.5, 0.25, 0.375], 2)[:, None]
     image = render_soup(replace(soup, corners=corners, colors=colors, depth=depth))

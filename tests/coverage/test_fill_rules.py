@@ -1,4 +1,4 @@
-"""Samples on edges: under `top_left` a tiling covers each once, under `inclusive` both sides do."""
+"""Samples on a shared edge are covered once under `top_left`, and twice under `inclusive`."""
 
 from fractions import Fraction
 from itertools import pairwise
@@ -20,7 +20,7 @@ ONE_RULE_QUICKLY = pytest.mark.parametrize(
 
 
 def _images(soups, on: Canvas, colors=None) -> list[np.ndarray]:
-    """Images of soups of equal length, over black; white at alpha one half unless `colors`."""
+    """Images of equally many triangles each, over black. They are white at alpha 1/2 by default."""
     if colors is None:
         colors = np.tile(np.array([1, 1, 1, 0.5], np.float32), (len(soups[0]), 1))
     scenes = [
@@ -37,7 +37,11 @@ def _image(soup, on: Canvas, colors=None) -> np.ndarray:
 
 
 def _jittered_grid(rng: np.random.Generator, on: Canvas, cells: int, snapped: bool) -> np.ndarray:
-    """A tiling of the canvas by triangles that share vertices, windings and diagonals at random."""
+    """A tiling of the canvas by cells in two triangles each, `[triangles, 3, 2]`.
+
+    Vertices are jittered; windings, diagonals and the draw order are random. `snapped`: whether
+    inner vertices lie on samples.
+    """
     lines = [np.linspace(0, side, cells + 1) for side in (on.width, on.height)]
     points = np.stack(np.meshgrid(*lines, indexing="xy"), axis=-1)
     inner = points[1:-1, 1:-1]
@@ -55,10 +59,10 @@ def _jittered_grid(rng: np.random.Generator, on: Canvas, cells: int, snapped: bo
 
 
 def _split_at_random(rng: np.random.Generator, on: Canvas, splits: int) -> np.ndarray:
-    """Two triangles over the canvas, then each new vertex splits a triangle in three.
+    """A tiling of the canvas by two triangles, in which each new vertex splits a triangle in three.
 
-    This yields slivers and vertices with many neighbours. Vertices lie on a coarse grid,
-    so that many fall on samples; one on an edge leaves a T-junction and a triangle of zero area.
+    This yields slivers, and vertices with many neighbours. Vertices lie on a coarse grid, so that
+    many fall on samples. A vertex on an edge leaves a T-junction and a triangle without area.
     """
     grid = 4 * on.rate
     right, bottom = on.width * grid, on.height * grid
@@ -88,7 +92,7 @@ def _contains(triangle, p) -> bool:
 
 @RATES
 def test_a_jittered_tiling_covers_each_sample_once(rate):
-    """With vertices anywhere, and with vertices on samples."""
+    """Vertices lie anywhere in some of the tilings, and on samples in others."""
     on = canvas(rate, "top_left")
     rng = np.random.default_rng(rate)
     tilings = [_jittered_grid(rng, on, 5, snapped) for snapped in (False, True) * 3]
@@ -108,7 +112,7 @@ def test_a_random_triangulation_covers_each_sample_once(rate):
 
 @ONE_RULE_QUICKLY
 def test_abutting_translucent_triangles_show_no_seam(fill_rule):
-    """Edges lie inside pixels, between samples, where blending by coverage would show seams."""
+    """Edges lie inside pixels, between samples. Blending by coverage would show seams there."""
     on = canvas(4, fill_rule)
     height, width = SIZES[4]
     soup = []
@@ -121,7 +125,7 @@ def test_abutting_translucent_triangles_show_no_seam(fill_rule):
 
 @RULES
 def test_inclusive_covers_a_shared_edge_twice(fill_rule):
-    """The diagonal of a square through samples; under `top_left` once."""
+    """The shared diagonal of a square runs through samples; `top_left` covers them once."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     square = [[(0, 0), (4, 0), (4, 4)], [(0, 0), (4, 4), (0, 4)]]
     wanted = np.full((4, 4), 0.5)
@@ -138,7 +142,7 @@ WHITE = np.ones((1, 3), np.float32)
     "order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 2, 1), (1, 0, 2)]
 )
 def test_right_triangle_by_hand(fill_rule, order):
-    """Corners on pixel centres (0, 0), (2, 0), (0, 2): left and top edges, and a hypotenuse."""
+    """The corners are the centres of pixels (0, 0), (2, 0) and (0, 2), in any order."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     corners = np.array([[(0.5, 0.5), (2.5, 0.5), (0.5, 2.5)]])[:, order]
     wanted = np.zeros((4, 4))
@@ -165,7 +169,7 @@ def test_right_triangle_by_hand(fill_rule, order):
     ids=["point", "row", "column", "rising", "through", "before", "between", "beside", "tilted"],
 )
 def test_triangles_without_area_cover_the_samples_on_their_segment(fill_rule, corners, covered):
-    """The samples exactly on the segment, or none."""
+    """Under `inclusive` they cover the samples exactly on the segment; under `top_left`, none."""
     on = Canvas(4, 4, rate=1, fill_rule=fill_rule)
     wanted = np.zeros((4, 4))
     for column, row in covered if fill_rule == "inclusive" else []:
@@ -175,7 +179,7 @@ def test_triangles_without_area_cover_the_samples_on_their_segment(fill_rule, co
 
 @ONE_RULE_QUICKLY
 def test_squares_with_edges_on_samples_equal_the_oracle(fill_rule):
-    """Edges along rows and columns of samples, drawn over each other."""
+    """The squares' edges run along rows and columns of samples, and the squares overlap."""
     on = canvas(4, fill_rule)
     rng = np.random.default_rng(0)
     low = (2 * rng.integers(0, 40, (16, 2)) + 1) / 8

@@ -1,4 +1,4 @@
-"""Sampled coverage (`Hard`) against the oracle in integers: not one pixel differs."""
+"""Sampled coverage (`Hard`) equals the oracle in integers: not one pixel differs."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ RATES_AND_RULES = pytest.mark.parametrize(
     "rate, fill_rule",
     [(4, "inclusive"), (16, "top_left")]
     + [slowly(rate, "inclusive") for rate in (1, 3, 8, 16)]
-    # The tilings of `test_fill_rules.py` are drawn at every rate under the other rule.
+    # `test_fill_rules.py` draws tilings at the other rates under this rule.
     + [slowly(rate, "top_left") for rate in (2, 3)],
 )
 
@@ -40,14 +40,14 @@ def _plan(scenes, on: Canvas, **options) -> sr.Plan:
 
 
 def _shared_plan(on: Canvas, colors: np.ndarray, background=BLACK) -> sr.Plan:
-    """A plan for every case, and for nearly any `COUNT` triangles in the band."""
+    """A plan that fits every case, and nearly any `COUNT` triangles in the band."""
     soups = [*vast(on, COUNT), *cases(on).values()]
     return _plan([sr.Scene.from_soup(soup, colors, background=background) for soup in soups], on)
 
 
 @RATES_AND_RULES
 def test_each_hard_triangle_alone_equals_the_oracle(rate, fill_rule):
-    """Every triangle of every case on its own, among others that cover nothing."""
+    """Each triangle of a case is drawn alone, among others that cover nothing."""
     on = canvas(rate, fill_rule)
     colors = colors_of(COUNT)
     plan = _shared_plan(on, colors)
@@ -76,7 +76,7 @@ def _check_cases(on: Canvas) -> None:
 
 @RATES_AND_RULES
 def test_layered_hard_triangles_equal_the_oracle(rate, fill_rule):
-    """All triangles of a case, later ones in front."""
+    """All triangles of a case are drawn together, later ones in front."""
     _check_cases(canvas(rate, fill_rule))
 
 
@@ -85,14 +85,14 @@ def test_layered_hard_triangles_equal_the_oracle(rate, fill_rule):
     [(1, 1, 4), (33, 17, 2), slowly(1, 37, 4), slowly(3, 2, 16)],
 )
 def test_canvases_of_any_size_equal_the_oracle(height, width, rate):
-    """No size is a multiple of a tile."""
+    """No canvas is a whole number of tiles both in width and in height."""
     _check_cases(Canvas(height, width, rate))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side, rate", [slowly(64, 1), (32, 4)])
 def test_triangles_over_the_full_grid_equal_the_oracle(side, rate):
-    """Where the longer side is a power of two, triangles of the band span all 2^23 grid units."""
+    """If the longer side is a power of two, triangles of the band span all 2^23 grid units."""
     _check_cases(Canvas(side, side, rate))
 
 
@@ -178,7 +178,7 @@ def _check_colors(on: Canvas, channels: int, corners: int, background: int) -> N
     ],
 )
 def test_colors_equal_the_oracle(corners, channels, background):
-    """Flat and interpolated, opaque and translucent, over a background with and without alpha."""
+    """Colours are flat or interpolated, opaque or translucent, over backgrounds of both kinds."""
     _check_colors(canvas(4), channels, corners, background)
 
 
@@ -196,10 +196,10 @@ def test_colors_at_all_rates(rate, fill_rule, channels, corners):
 
 
 def test_translucent_layers_count_samples():
-    """Few layers at alpha one half are exact in float32: every sample is where it should be."""
+    """A few layers at alpha 1/2 are exact in float32, so any sample in a wrong pixel would show."""
     on = canvas(4)
     colors = np.zeros((COUNT, 1, 4), np.float32)
-    # Only every eighth triangle shows, so that at most five halvings meet.
+    # Only every eighth triangle is visible, so at most five layers are blended at a sample.
     colors[::8, :, 3] = 0.5
     colors[::8, :, :3] = colors_of(COUNT)[::8]
     plan = _shared_plan(on, colors)
@@ -223,7 +223,7 @@ def test_alpha_one_is_opaque():
 
 @pytest.mark.slow
 def test_thin_and_long_keeps_its_colors():
-    """A sliver a million times longer than thick, on one row of samples, far from the origin."""
+    """Slivers a million times longer than thick have their corner colours all along."""
     on = Canvas(8, 2048)
     thin = 2.0**-on.exponent
     y = 4.125
@@ -251,7 +251,7 @@ def test_origin():
     ]
     plan = _plan(scenes, on)
     for name in ("on_samples", "halves", "degenerate", "in_band"):
-        # Moving rounds to float32, which the oracle sees too.
+        # Moved corners are rounded to float32 before the oracle gets them too.
         corners = np.clip(cases(on)[name] + move, *(bound + move for bound in on.band()))
         corners = corners.astype(np.float32)
         image = draw_scene(sr.Scene.from_soup(corners, colors, background=BLACK), plan)
@@ -315,7 +315,10 @@ def test_float64_gives_the_same_image(fill_rule):
 
 @pytest.mark.slow
 def test_corner_colors_of_large_triangles_at_256_samples():
-    """Sums over 256 samples of values near 2^31, whose multiple the float estimate must give."""
+    """Sums of edge values near 2^31 over 256 samples overflow int32.
+
+    A float estimate must give the multiple of 2^32 that is lost.
+    """
     on = Canvas(16, 16, rate=16)
     rng = np.random.default_rng(3)
     for _ in range(4):

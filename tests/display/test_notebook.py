@@ -1,4 +1,4 @@
-"""Pictures with which scenes, fits and visibility buffers show themselves in notebooks."""
+"""The pictures that notebooks show for scenes, fits and visibility buffers."""
 
 import base64
 import html
@@ -19,14 +19,14 @@ from softras2d.io.images import decode_image
 
 from ..cases.visibility import visible
 
-# Few scenes of one size class, because each other program takes seconds to compile.
+# Tests share a few scenes of one size class, because each further program takes seconds to compile.
 SQUARE = np.array([[[0, 0], [40, 0], [40, 20]], [[0, 0], [40, 20], [0, 20]]], np.float32)
 COLORS = np.array([[1, 0, 0], [0, 0, 1]], np.float32)
 SCENE = sr.Scene.from_soup(SQUARE, COLORS)
 
 
 def picture_of(text):
-    """The image in the HTML that a value returns for notebooks."""
+    """The image `[height, width, channels]` in the HTML that a value returns for notebooks."""
     (data,) = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
     return decode_image(base64.b64decode(data), "picture")
 
@@ -37,7 +37,7 @@ def test_a_scene_shows_itself_above_its_text():
     assert shown is not None
     picture = picture_of(shown)
     assert picture.shape == (160 + 32, 320, 3)
-    # The lower left and the upper right half, and the margin.
+    # These pixels are in the lower left half, in the upper right half, and in the margin.
     np.testing.assert_array_equal(picture[150, 40], [0, 0, 1])
     np.testing.assert_array_equal(picture[40, 280], [1, 0, 0])
     np.testing.assert_array_equal(picture[[0, -1, 96, 96], [160, 160, 0, -1]], 1)
@@ -99,7 +99,7 @@ def test_large_images_are_shrunk_to_means_of_blocks():
     shown = image_html(image, "text")
     assert shown is not None
     picture = picture_of(shown)
-    # Blocks of 3 x 3 pixels; those of the last row and column are smaller.
+    # Blocks have 3 x 3 pixels, and fewer in the last row and column.
     assert picture.shape == (3, 434, 4)
     np.testing.assert_allclose(picture[..., :3], np.broadcast_to([1, 0, 0], (3, 434, 3)))
     np.testing.assert_allclose(picture[:, :-1, 3], 1 / 6, atol=1 / 255)

@@ -1,4 +1,4 @@
-"""`repr` of scenes, textures, plans, buffers and fits: short, and never an exception."""
+"""`repr` of scenes, textures, plans, buffers and fits is short, and never raises an exception."""
 
 from dataclasses import fields, replace
 
@@ -69,7 +69,7 @@ def test_structures_without_values_say_so(scene):
         texts.append(repr(traced))
         return traced.positions
 
-    # A tracer raises an error if its value is looked at.
+    # A tracer raises an error if its value is read.
     jax.jit(note)(scene)
     jax.vmap(note)(batch_of(scene, 3))
     jax.grad(lambda scene: note(scene).sum(), allow_int=True)(scene)
@@ -111,7 +111,7 @@ def test_an_empty_scene_has_no_extent():
 
 
 class Refuses:
-    """Raises an error wherever something is asked of it."""
+    """An object that raises an error on any access."""
 
     def __getattr__(self, name):
         raise RuntimeError(name)
@@ -138,7 +138,7 @@ def test_strange_leaves_are_named_instead_of_raising(kind, name):
     if name is None:
         strange = jax.tree.map(lambda _: leaf, RICH)
     else:
-        # As `replace`, but past the checks of the constructor.
+        # `tree_at` replaces a field without the checks of the constructor.
         strange = eqx.tree_at(lambda s: getattr(s, name), RICH, leaf, is_leaf=lambda x: x is None)
     first, second = repr(strange).splitlines()
     assert first.startswith("Scene: ")

@@ -1,4 +1,7 @@
-"""Fits of several images by one program: as good as alone, with one start and weights for each."""
+"""Fits of several images by one program are as good as single fits.
+
+Each image may have its own start and weights.
+"""
 
 import re
 import signal
@@ -86,7 +89,7 @@ def test_a_batch_for_seconds_ends():
     began = time.perf_counter()
     results = sr.fit_batch([TARGET, TARGET[::-1]], triangles=10, seconds=8.0)
     assert all(result.history[-1].steps >= 1 for result in results)
-    # A machine may be busy, so the bound is loose.
+    # The bound is loose because a machine may be busy.
     assert time.perf_counter() - began < 60
     np.testing.assert_array_equal(
         [record.steps for record in results[0].history],
@@ -96,7 +99,7 @@ def test_a_batch_for_seconds_ends():
 
 @pytest.mark.slow
 def test_scores_of_a_batch_share_a_program(count_compilations):
-    """The time reserved for scoring assumes that its program is compiled already."""
+    """The time that a fit reserves for scoring does not include a compilation."""
     with count_compilations() as compiled:
         sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
     drawn = [name for name in compiled.names if "render" in name]

@@ -1,4 +1,4 @@
-"""The whole fit: it lowers the error, stops and resumes, gives no NaN, refuses bad arguments."""
+"""`fit` lowers the error, stops and resumes, gives no NaN, and refuses bad arguments."""
 
 import itertools
 import time
@@ -63,7 +63,7 @@ def test_an_interrupted_fit_resumes_to_the_uninterrupted_result(family, tmp_path
     uninterrupted = sr.fit(TARGET, steps=100, **settings)
     first = sr.fit(TARGET, steps=100, report=interrupt, **settings)
     assert first.interrupted
-    # The chunk that contains step 50 is the last, and chunks end as in the uninterrupted fit.
+    # The fit ends with the chunk that contains step 50. Its chunks are those of the other fit.
     chunk_ends = [record.steps for record in first.history]
     assert chunk_ends == [record.steps for record in uninterrupted.history][: len(chunk_ends)]
     assert chunk_ends[-2] < 50 <= chunk_ends[-1]
@@ -93,12 +93,12 @@ def test_a_fit_for_seconds_ends():
     began = time.perf_counter()
     result = sr.fit(TARGET, triangles=12, seconds=12.0)
     assert result.history
-    # A machine may be busy, so the bound is loose; `experiments/fit_kodak` measures time.
+    # The bound is loose because a machine may be busy; `experiments/fit_kodak` measures time.
     assert time.perf_counter() - began < 60
 
 
 def known_scene(number: int, seed: int) -> tuple[sr.Scene, np.ndarray, sr.Scene]:
-    """A scene, its image under soft coverage, and the scene with corners moved by up to 5 px."""
+    """A scene, its image under soft coverage, and a start: the scene with its corners moved."""
     rng = np.random.default_rng(seed)
     middle = rng.uniform([14, 14], [50, 50], (number, 1, 2))
     angle = rng.uniform(0, 6.28, (number, 1)) + np.array([0, 2.09, 4.19])
@@ -155,7 +155,7 @@ OF_SEVERAL_ROWS = ("constant", "black", "noise")
     ],
 )
 def test_extreme_starts_give_no_nan(solver, target):
-    """Some 50 fits: every target, and every start where the size allows it."""
+    """Every target is fitted from every start that its size allows, in some 50 fits."""
     image = EXTREME_TARGETS[target]
     starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
     for corners in starts:
@@ -175,7 +175,7 @@ def assert_sound(result):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["one-pixel", *OF_SEVERAL_ROWS])
 def test_extreme_targets_are_fitted_to_the_end(target):
-    """Until triangles are placed and exchanged; translucent under another loss, and as a mesh."""
+    """Fits of translucent layers under SSIM, and of meshes, run until triangles are exchanged."""
     image = EXTREME_TARGETS[target]
     variants: list[dict[str, Any]] = [{"translucent": True, "loss": "ssim"}, {"family": "mesh"}]
     for settings in variants:
@@ -196,9 +196,9 @@ def test_a_target_with_alpha_is_fitted_in_alpha_too():
     target = np.concatenate([TARGET, alpha], -1)
     result = sr.fit(target, triangles=16, steps=100)
     assert result.image.shape == target.shape
-    # The error reported during the fit is comparable to the score.
+    # The PSNR reported during the fit is close to the final score.
     assert result.history[-1].psnr == pytest.approx(result.psnr, abs=1.5)
-    # All clear would be 0.3, all opaque 0.7.
+    # The error would be 0.3 if all pixels were transparent, and 0.7 if all were opaque.
     assert np.mean((result.image[..., 3] - alpha[..., 0]) ** 2) < 0.05
 
 
@@ -292,7 +292,7 @@ def test_invalid_arguments_are_refused_in_one_line(message):
 
 
 def test_an_alpha_of_one_everywhere_is_dropped():
-    """Screenshots often have it."""
+    """Screenshots often have such an alpha channel."""
     opaque = np.concatenate([TARGET, np.ones_like(TARGET[..., :1])], -1)
     (alone,) = check_images([opaque])
     np.testing.assert_array_equal(alone, TARGET)
@@ -342,7 +342,7 @@ def test_a_fit_without_steps_is_valid():
 
 @pytest.mark.slow
 def test_layers_start_from_a_delaunay_mesh():
-    """Abutting triangles with least-squares colours resemble the image from the first step on."""
+    """The tiling has least-squares colours, and so resembles the image from the first step on."""
     settings: dict[str, Any] = {"triangles": 60, "shading": "gouraud", "start": "delaunay"}
     result = sr.fit(TARGET, steps=0, **settings)
     assert 40 < result.scene.triangles.shape[0] <= 60

@@ -1,4 +1,4 @@
-"""Fits of a folder: size classes, batches, and processes that share the work and are killed."""
+"""Fits of all pictures in a folder: size classes, batches, time limits, and killed processes."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ from softras2d.fitting.folder import (
 )
 
 SIZES = [(40, 64), (64, 40), (41, 66), (48, 48), (90, 57)]
-"""Height and width of pictures, of three size classes at 32 pixels."""
+"""Height and width of pictures. Shrunk to 32 pixels, they are of three size classes."""
 
 
 def make_folder(folder: Path, count: int) -> Path:
@@ -75,7 +75,7 @@ def test_batches_depend_on_the_folder_alone(tmp_path):
 
 @pytest.mark.parametrize("compiles_first", [True, False])
 def test_a_time_limit_counts_no_compilation(compiles_first, tmp_path, monkeypatch):
-    """The first fit of a size is preceded by one of a single step."""
+    """The first fit of a size class follows a fit of a single step, which compiles the program."""
     calls: list[dict[str, Any]] = []
 
     def fit(targets: list[Any], **settings: Any) -> list[Any]:
@@ -118,7 +118,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_processes_and_a_killed_one_write_the_files_of_one_process(tmp_path):
-    """Sixteen pictures; the killed process has written some of them, whole."""
+    """A process that is killed after some of sixteen pictures has written these completely."""
     folder, cache = make_folder(tmp_path / "pictures", 16), tmp_path / "cache"
     killed = tmp_path / "killed"
     process = start(folder, killed, cache)

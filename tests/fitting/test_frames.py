@@ -1,4 +1,4 @@
-"""Films: triangles keep their identity from frame to frame, and a temporal weight stills them."""
+"""Fits of films: triangles persist from frame to frame, and a temporal weight lowers flicker."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from ..cases.pictures import blobs
 
 
 def film(frames: int) -> list[np.ndarray]:
-    """A box that moves over a picture that stands still but for faint noise."""
+    """Frames in which a box moves over a still picture with faint noise."""
     rng = np.random.default_rng(0)
     images = []
     for k in range(frames):
@@ -35,12 +35,12 @@ def test_a_temporal_weight_lowers_flicker_and_triangles_keep_their_identity():
         colors = np.stack([np.asarray(result.scene.colors) for result in results])
         steps = np.abs(np.diff(colors, axis=0)).max((2, 3))
         others = np.abs(colors[1:, :, None] - colors[:-1, None]).max((3, 4))
-        # From frame to frame, a triangle is closer to itself than to most others.
+        # The colours of a triangle are closer to its own in the next frame than to most others'.
         assert (steps[:, :, None] <= others).mean() > 0.95
         assert min(result.psnr for result in results) > 20
     still, free = (flicker([r.image for r in films[t]], frames) for t in (2.0, 0.0))
     assert 0 < still < 0.7 * free
-    # Both begin with the same frame.
+    # The temporal weight does not affect the first frame.
     np.testing.assert_array_equal(films[0.0][0].image, films[2.0][0].image)
 
 

@@ -1,4 +1,4 @@
-"""Fits that are stopped, resumed, exceed their plan, or run on a budget of steps or time."""
+"""Fits continue correctly when stopped and resumed, on exceeding a plan, and within a budget."""
 
 import dataclasses
 import os
@@ -30,7 +30,7 @@ TARGET = blobs()
 
 
 def _plan_of_no_triangles(family: LayersFit, plan_of: Callable[..., Plan]) -> Plan:
-    """The smallest plan that a fit could make, with lists that can be too short."""
+    """The plan of an empty scene, whose lists may be too short for the triangles of the fit."""
     empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
     return dataclasses.replace(plan_of(family, [empty]), lists_all=False)
 
@@ -119,7 +119,7 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
         exchange_of(self, count)
         if len(records) > 8:
             signal.raise_signal(signal.SIGINT)
-            # One step, which cannot lower the error to that before the exchange.
+            # One more step cannot lower the error to its value before the exchange.
             monkeypatch.setattr(
                 loop,
                 "advance_fits",
@@ -170,14 +170,14 @@ def test_a_second_ctrl_c_leaves_the_checkpoint(tmp_path, monkeypatch):
     steps = checkpoint.history[-1].steps
     assert 0 < steps < 500
     assert checkpoint.interrupted
-    # The image is that of the last step, whose pixels are two pixels wide here.
+    # The image is from the last step. Its pixels are two pixels wide in the target.
     np.testing.assert_array_equal(checkpoint.image[::2, ::2], checkpoint.state["image"])
     assert sr.fit(TARGET, resume=checkpoint, steps=steps + 1).history[-1].steps == steps + 1
 
 
 @pytest.mark.slow
 def test_progress_tells_the_psnr_of_what_would_be_saved(monkeypatch):
-    """The PSNR is that of the hard image, at the size of the target."""
+    """The reported PSNR is of the hard image, at the size of the target."""
     monkeypatch.setattr(rehearsal, "_INTERVAL", 0.0)
     reports = []
     result = sr.fit(TARGET, triangles=6, steps=400, size=12, report=reports.append)
@@ -193,7 +193,7 @@ def test_progress_tells_the_psnr_of_what_would_be_saved(monkeypatch):
 
 @pytest.mark.slow
 def test_a_start_scene_is_drawn_at_its_position_in_the_target():
-    """A start is in pixels of the target, also if the fit has another size."""
+    """Positions of a start scene are in pixels of the target, even if the fit has another size."""
     first = sr.fit(TARGET, triangles=10, steps=50)
     again = sr.fit(TARGET, triangles=10, steps=0, size=24, start=first.scene)
     np.testing.assert_allclose(again.scene.positions, first.scene.positions, atol=1e-4)
@@ -224,7 +224,7 @@ def test_settings_become_plain_values():
 
 
 class TestBudget:
-    """The budget of time, with a clock that the test sets."""
+    """A budget of time, with a clock that the test sets."""
 
     @pytest.fixture
     def clock(self, monkeypatch):
@@ -257,7 +257,7 @@ class TestBudget:
         assert budget.next_steps(0, 25, None, 0.0) == 1
         assert budget.next_steps(0, 25, 0.05, 0.0) == 10
         assert budget.next_steps(0, 25, 0.001, 0.0) == 25
-        # Large images take long to score, which is to be a tenth of the time.
+        # Large images take long to score, and scoring may take a tenth of the time.
         assert budget.next_steps(0, 25, 0.05, 0.1) == 20
         clock[0] = 127.88
         assert budget.next_steps(0, 25, 0.05, 0.0) == 2

@@ -1,4 +1,4 @@
-"""Losses, resampled images and closed-form colours, against their definitions."""
+"""Losses, resampled images and closed-form colours agree with their definitions."""
 
 from typing import NamedTuple
 
@@ -49,7 +49,7 @@ def test_images_are_prepared_in_linear_light_and_premultiplied():
     straight = jnp.concatenate([IMAGE, WEIGHTS[..., None]], -1)
     prepared = Loss().prepare(straight)
     np.testing.assert_allclose(prepared[..., :3], IMAGE * WEIGHTS[..., None], atol=1e-7)
-    # Below 0 the curve is the negative of that above, as wherever sRGB is decoded.
+    # Below 0 the sRGB curve is odd: the value at -x is the negative of the value at x.
     gradient = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.5))
     np.testing.assert_allclose(gradient, 2.4 / 1.055 * ((0.5 + 0.055) / 1.055) ** 1.4, rtol=1e-5)
     gradient = jax.grad(lambda x: jnp.sum(loss.prepare(x)))(jnp.full((1, 1, 3), -0.02))
@@ -92,7 +92,7 @@ def test_colors_in_closed_form_are_those_of_least_squares():
 @pytest.mark.slow
 @pytest.mark.parametrize("light", ["display", "linear"])
 def test_closed_form_colors_of_layers_minimize_the_error(light):
-    """Where all are within 0..1, the gradient of the squared error by each is zero."""
+    """If all colours are within 0..1, the gradient of the squared error by each colour is zero."""
     target = 0.5 + 0.3 * (blobs() - 0.5)
     corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
     y = LayersUnknowns(jnp.asarray(corners / POSITION_UNIT), jnp.full((2, 3, 3), 0.5), None)

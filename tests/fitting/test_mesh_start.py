@@ -1,4 +1,4 @@
-"""Colours of meshes against dense least squares, predicted gains against actual ones, starts."""
+"""Mesh fits: colours equal dense least squares, and predicted gains equal actual ones."""
 
 import numpy as np
 import pytest
@@ -104,7 +104,7 @@ def test_predicted_gain_of_a_split_is_the_drop_with_other_colours_fixed():
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         check_tiling(finer)
-        # The new vertex is the last; its hat function is the image with colour 1 there, else 0.
+        # The new vertex is the last. Its hat function is an image: colour 1 at it, 0 at all others.
         hat = draw(finer, np.eye(13)[:, 12:])
         residual = target.image - draw(mesh, old)
         drop = ((hat * residual).sum((0, 1)) ** 2).sum() / ((hat**2).sum() + 0.1)
@@ -120,7 +120,7 @@ def test_predicted_gain_is_the_drop_where_triangles_are_on_their_own(model):
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         drops.append(before - _error(finer, target, model))
-    # Where a new vertex lies on a pixel centre, its pieces may own that pixel either way.
+    # If a new vertex lies on a pixel centre, any triangle at it may contain that pixel.
     close = np.isclose(splits.gain, drops, atol=2e-3)
     assert close.mean() > 0.7
     np.testing.assert_allclose(splits.gain, drops, atol=1.0)
@@ -161,7 +161,7 @@ def test_flips_find_the_diagonal_of_the_picture(model):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_vertex_that_shows_nothing_is_the_first_to_go(model):
-    # Vertices put into the triangles of a picture that a coarser mesh makes exactly.
+    # Vertices are added inside triangles of a coarse mesh that makes the picture exactly.
     coarse = uniform_start(HEIGHT, WIDTH, 12)
     shape = {"vertex": (12, 3), "triangle": (len(coarse.triangles), 3)}
     solved = np.random.default_rng(1).random(shape.get(model, (len(coarse.triangles), 3, 3)))
@@ -269,7 +269,7 @@ class TestColorsAtFullSize:
 
     @pytest.mark.slow
     def test_a_fit_at_half_size_has_the_colors_of_the_whole_target(self):
-        """Of a target with fine stripes, which a shrunken one shows as grey."""
+        """The target has fine stripes, which are grey if it is shrunk."""
         target = blobs(48, 64)
         target[:, ::2] = 0.0
         result = sr.fit(target, family="mesh", triangles=20, size=32, steps=10)

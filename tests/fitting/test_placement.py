@@ -1,4 +1,4 @@
-"""Gains and costs of triangles against errors of images drawn one triangle at a time."""
+"""Predicted gains and costs of triangles equal the errors of images drawn one by one."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ RNG = np.random.default_rng(5)
 
 
 def inside(corners):
-    """Whether a triangle contains each pixel centre, and barycentric weights, by half-planes."""
+    """Whether a triangle contains each pixel centre, and the barycentric weights at each."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     (ax, ay), (bx, by), (cx, cy) = corners
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -114,7 +114,7 @@ def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
 
 
 def test_a_black_shape_on_a_clear_background_counts_as_error():
-    """Premultiplied, it differs from the clear background in its alpha alone."""
+    """Premultiplied, black differs from a transparent background only in its alpha."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
     placed = find_new_triangles(

@@ -1,4 +1,4 @@
-"""Saved fits: loading gives what was saved, and damage is named in one line."""
+"""Saved fits: loading gives what was saved, and damaged files give an error in one line."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from ..cases.saved_fits import KINDS, TARGET, bomb, packed, saved, target_of
 
 
 def error_of(path: Path) -> str:
-    """The error of loading a file, one line, without the file name that it begins with."""
+    """The message of the error on loading a file: one line, without the file name in front."""
     with pytest.raises(ValueError) as caught:
         sr.FitResult.load(path)
     message = str(caught.value)
@@ -47,7 +47,7 @@ def with_changed_facts(**change) -> dict[str, np.ndarray]:
 
 
 OTHER_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS if kind != "layers"]
-"""Left to the slow run: making a fit of each takes seconds."""
+"""These kinds are left to the slow run, since making a fit of each takes seconds."""
 
 
 @pytest.mark.parametrize("kind", ["layers", *OTHER_KINDS])
@@ -92,18 +92,18 @@ class TestEveryKind:
                 others += [value[:0], value[:-1], np.concatenate([value, value[:1]])]
             for other in others:
                 message = error_of(write_fit(tmp_path, saved(kind) | {name: other}))
-                # Sizes are compared with each other, so that another one may be named.
+                # Sizes are compared with each other, so the error may name another array.
                 assert "` must " in message or "`settings` say" in message, message
 
     def test_numbers_that_are_not_finite_are_named(self, kind, tmp_path):
-        """Except in the solver's memory, and in scores, where infinity means an exact image."""
+        """The solver's state may hold them, and so may scores: an exact image has infinite PSNR."""
         for name, value in saved(kind).items():
             if value.dtype.kind != "f" or name.startswith("state.solve.") or name == "scores":
                 continue
             for bad in (np.nan, np.inf):
                 other = value.copy()
                 other.reshape(-1)[0] = bad
-                # The first number of the history is a count.
+                # In the history, the first number is a count of steps.
                 message = error_of(write_fit(tmp_path, saved(kind) | {name: other}))
                 assert f"`{name.removeprefix('scene.')}` must " in message
 
@@ -128,7 +128,7 @@ def test_invalid_settings_are_named(name, tmp_path):
 
 @pytest.mark.parametrize("softness", [10**30, 10**400, [1, 10**30], -1, 65])
 def test_numbers_too_large_for_any_type_are_refused(softness, tmp_path):
-    """NumPy has no integers that large, and cannot tell whether they are finite."""
+    """NumPy has no integer type for such numbers, and `isfinite` fails for them."""
     message = error_of(write_fit(tmp_path, with_changed_facts(softness=softness)))
     assert "`settings`: `softness` must be" in message
 
@@ -272,7 +272,7 @@ class TestResume:
 
 
 def loaded(kind: str) -> sr.FitResult:
-    """A fit, loaded anew."""
+    """A fit of a kind, loaded from a new file."""
     with tempfile.TemporaryDirectory() as folder:
         return sr.FitResult.load(write_fit(Path(folder), saved(kind)))
 

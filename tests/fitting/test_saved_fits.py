@@ -1,4 +1,4 @@
-"""Fits saved by an earlier version: they load, give the image that was saved, and can be resumed.
+"""Fits that an earlier version saved can be loaded, drawn and resumed.
 
 The files hold fits of 12 triangles to a target of 24 x 24 pixels, interrupted after 10 of 40 steps:
 

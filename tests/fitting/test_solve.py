@@ -1,4 +1,4 @@
-"""Solvers that advance in chunks, on problems with known answers."""
+"""Solvers that advance in chunks find the known answers of small problems."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +21,7 @@ MATRIX = RNG.normal(size=(9, 4)).astype(np.float32)
 
 
 def residual(y, args):
-    """A nonlinear least-squares problem with residual 0 at the answer, scaled by `args`."""
+    """The residual of a nonlinear least-squares problem, scaled by `args`; 0 at the answer."""
     error = y - ANSWER
     return args * (MATRIX @ (error + 0.1 * error**3)), (error, jnp.sum(y))
 
@@ -58,7 +58,7 @@ def test_a_solve_continues_from_where_it_is_moved_to(name):
     assert progress.steps == 3
     progress, losses, _ = advance(solver, residual, progress, scale, steps=1)
     assert losses[0] == pytest.approx(float((residual(far, scale)[0] ** 2).sum()), rel=1e-5)
-    # The best is still the one before the move.
+    # The best loss is still from before the move.
     assert float(progress.best_loss) == pytest.approx(min(before.tolist()), rel=1e-6)
 
 

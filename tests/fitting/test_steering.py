@@ -1,4 +1,4 @@
-"""Steering a fit: palettes, frozen numbers, backgrounds, own losses, callbacks and targets."""
+"""Options that steer a fit: palettes, frozen inputs, backgrounds, custom losses, callbacks."""
 
 from dataclasses import replace
 from typing import Any
@@ -58,7 +58,10 @@ def test_every_triangle_has_a_color_of_the_palette(settings, tmp_path):
 
 @pytest.mark.slow
 def test_a_palette_found_during_a_fit_is_better_than_after_it():
-    """After it, each triangle gets the nearest of the best palette for the pixels of the fit."""
+    """The fit is compared with a free fit, whose colours are then replaced from a palette.
+
+    That palette is the best one for the pixels of the free fit.
+    """
     settings: dict[str, Any] = {"triangles": 60, "steps": 400}
     free = sr.fit(TARGET, **settings)
     palette = first_palette(Target(free.image), 4, seed=0)
@@ -66,7 +69,7 @@ def test_a_palette_found_during_a_fit_is_better_than_after_it():
     background = in_palette(palette, free.scene.background)
     scorer = Scorer(TARGET)
     after = scorer.score(replace(free.scene, colors=colors, background=background)).psnr
-    # 0.6 dB on this picture; `experiments/fit_steering` measures photographs.
+    # The gain is 0.6 dB on this picture; `experiments/fit_steering` measures photographs.
     assert sr.fit(TARGET, palette=4, **settings).psnr > after + 0.4
 
 
@@ -181,7 +184,7 @@ def test_backgrounds_are_given_fitted_or_transparent():
     given = sr.fit(TARGET, background=[0.25, 0.5, 0.125], **one)
     np.testing.assert_array_equal(given.scene.background, [0.25, 0.5, 0.125])
     fitted = sr.fit(TARGET, background="fit", **one)
-    # One triangle outside the canvas hides nothing, so the best background is the mean colour.
+    # The one triangle lies outside the canvas, so the best background is the target's mean colour.
     np.testing.assert_allclose(fitted.scene.background, TARGET.mean((0, 1)), atol=2e-3)
     clear = sr.fit(TARGET, background="transparent", triangles=1, steps=0)
     np.testing.assert_array_equal(clear.scene.background, 0)
@@ -194,7 +197,7 @@ def cloud_of_one() -> sr.Scene:
 
 
 class Perceptual(eqx.Module):
-    """Squared error in the features of a small network, as in the docstring of `fit`."""
+    """A loss: the squared error in features of a small network, as in the docstring of `fit`."""
 
     net: eqx.nn.Conv2d
 
@@ -218,7 +221,7 @@ def test_a_perceptual_loss_is_lowered(tmp_path):
 
 
 def symmetric(scene, report):
-    """Make triangles mirror images of each other, as in the docstring of `fit`."""
+    """A callback that makes triangles mirror images of each other, as in the docstring of `fit`."""
     half = scene.triangles.shape[0] // 2 * 3
     mirrored = scene.positions[:half] * jnp.array([[-1.0, 1.0]]) + jnp.array([[32.0, 0.0]])
     return replace(scene, positions=scene.positions.at[half : 2 * half].set(mirrored))

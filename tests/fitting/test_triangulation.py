@@ -1,4 +1,4 @@
-"""Meshes that tile the canvas stay tilings under every change, and cover each pixel centre once."""
+"""Meshes tile the canvas after every change, and cover each pixel centre exactly once."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def test_greedy_disjoint_takes_the_best_first():
 @given(seed=SEEDS)
 def test_every_pixel_centre_has_one_triangle(seed):
     mesh = _mesh(seed)
-    # Vertices and edges on centres too.
+    # The second mesh has vertices and edges on pixel centres.
     snapped = untangle(mesh, np.floor(mesh.positions) + 0.5)
     for tiling in (mesh, snapped):
         pairs = mesh_pixels(tiling)
@@ -99,7 +99,8 @@ def test_delaunay_flips_leave_every_circle_empty(seed):
     mesh = flip_to_delaunay(insert(_mesh(seed), target, 20))
     check_tiling(mesh)
     for corners in mesh.positions[mesh.triangles]:
-        # |p - center|^2 = radius^2 at the corners: linear in the center and what remains.
+        # The circumscribed circle has |p - center|^2 = radius^2 at all corners p. Differences of
+        # these equations are linear in the center.
         squares = (corners**2).sum(1)
         center = np.linalg.solve(2 * (corners[1:] - corners[0]), squares[1:] - squares[0])
         distance = np.linalg.norm(mesh.positions - center, axis=1)

@@ -1,6 +1,6 @@
-"""Mutated drawings: each is read as a valid scene, or refused in one line that names its file.
+"""Mutated drawings are read as valid scenes, or refused in one line that names the file.
 
-A failure names the number and the text of its case; `cases/fuzzing.py` says how to repeat it.
+A failure prints the number and the text of its case; `cases/fuzzing.py` says how to repeat it.
 """
 
 import random
@@ -18,7 +18,7 @@ from softras2d.io.svg.reading.reader import read_svg, svg_size
 from ..cases.fuzzing import cases
 
 LONGEST = 30
-"""Limit in seconds for one drawing, on a slow machine."""
+"""Time limit for one drawing, in seconds, on a slow machine."""
 
 HAND_WRITTEN = (
     """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="80" height="60">
@@ -101,7 +101,7 @@ def mutated(text: str, rng: random.Random) -> str | bytes:
 
 
 def replaced(pattern: re.Pattern, text: str, rng: random.Random, make) -> str:
-    """The text with one match of the pattern, or up to three, replaced by `make` of it."""
+    """The text with one to three matches of the pattern replaced by `make(match)`."""
     matches = list(pattern.finditer(text))
     chosen = rng.sample(matches, min(len(matches), rng.choice((1, 1, 1, 3))))
     for match in sorted(chosen, reverse=True, key=lambda match: match.start()):
@@ -186,7 +186,7 @@ MUTATIONS = (
 
 
 def read(path, dialect, rng):
-    """Read as the command line does; fail unless it gives a valid scene or a one-line error."""
+    """Read a drawing as the command line does; require a valid scene or a one-line error."""
     size = {} if rng.random() < 0.3 else {"height": rng.choice((1, 60)), "width": 80}
     options = {
         "opacity": rng.random() < 0.8,
@@ -244,7 +244,7 @@ def test_mutated_drawings_are_read_or_refused_in_one_line(tmp_path):
                     signal.alarm(0)
             count += 1
             if count % 500 == 0:
-                # Each number of triangles compiles programs of its own.
+                # Each number of triangles compiles further programs, which fill the memory.
                 jax.clear_caches()
     finally:
         signal.signal(signal.SIGALRM, before)

@@ -1,4 +1,4 @@
-"""Changed files of fits: each is read as a valid fit, or refused in one line."""
+"""Files of fits with random changes are read as valid fits, or refused in one line."""
 
 import json
 from pathlib import Path
@@ -51,7 +51,7 @@ def changed_array(value: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def changed_facts(packed_facts: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The facts with one setting changed or removed."""
+    """The JSON entry `facts` of a file, with one setting changed or removed."""
     facts = json.loads(packed_facts.tobytes())
     section = facts["settings"] if rng.random() < 0.8 else facts
     name = str(rng.choice([*section, "more"]))
@@ -85,7 +85,7 @@ def changed_file(arrays: dict[str, np.ndarray], rng: np.random.Generator) -> byt
 
 
 def saved_facts(arrays: dict[str, np.ndarray]) -> np.ndarray:
-    """The facts among the arrays, or those of a saved fit if they are damaged already."""
+    """The JSON entry `facts` of the arrays, or of an intact fit if it is damaged already."""
     facts = arrays.get("facts")
     valid = saved("layers")["facts"]
     try:
@@ -98,7 +98,7 @@ def saved_facts(arrays: dict[str, np.ndarray]) -> np.ndarray:
 
 def test_changed_fits_are_read_or_refused_in_one_line(tmp_path: Path):
     path = tmp_path / "fit.npz"
-    # Fitted before the time limit starts.
+    # Looking up each kind makes its fit, before the time limit starts.
     kinds = [kind for kind in KINDS if saved(kind)]
     outcomes = {"read": 0, "refused": 0, "resumed": 0}
     for number, rng in cases():
@@ -118,7 +118,7 @@ def test_changed_fits_are_read_or_refused_in_one_line(tmp_path: Path):
         (target,) = check_images([target_of(kind)])
         try:
             check_resume(fit, target)
-            # A step compiles, so that few of the readable fits are resumed.
+            # Resuming compiles a step, so only a few of the readable fits are resumed.
             if outcomes["read"] % 50 == 1:
                 steps = fit.history[-1].steps if fit.history else 0
                 sr.fit(target_of(kind), resume=fit, steps=steps + 1)

@@ -1,4 +1,4 @@
-"""Changed image files: each is read, or refused in one line that names the file."""
+"""Image files with random changes are read, or refused in one line that names the file."""
 
 import struct
 import zlib
@@ -40,7 +40,7 @@ def with_other_size(data: bytes, rng: np.random.Generator) -> bytes:
     changed = bytearray(data)
     if data.startswith(b"\x89PNG"):
         struct.pack_into(">I", changed, int(rng.choice([16, 20])), size)
-        # With the checksum of the changed header, so that it passes.
+        # The checksum is updated too, so that the header is accepted.
         struct.pack_into(">I", changed, 29, zlib.crc32(bytes(changed[12:29])))
         return bytes(changed)
     if data.startswith(b"\xff\xd8"):

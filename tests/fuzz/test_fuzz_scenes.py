@@ -1,4 +1,4 @@
-"""Random extreme scenes: coverage against integers, and finite numbers in every mode."""
+"""Random extreme scenes have the oracle's coverage, and finite numbers in every mode."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,7 +27,7 @@ MODES = {
 
 
 def extreme_corners(rng: np.random.Generator, count: int, farthest: float) -> np.ndarray:
-    """Triangles near and far, `[count, 3, 2]`: slivers, points, segments, shared coordinates."""
+    """Corners `[count, 3, 2]` of near and far triangles, many of them slivers or without area."""
     size = SIDE * 10.0 ** rng.uniform(-4, farthest, (count, 1, 1))
     corners = rng.uniform(0, SIDE, (count, 1, 2)) + rng.normal(size=(count, 3, 2)) * size
     for index, kind in enumerate(rng.integers(0, 8, count)):
@@ -47,7 +47,7 @@ def extreme_corners(rng: np.random.Generator, count: int, farthest: float) -> np
 
 @pytest.mark.slow
 def test_coverage_equals_the_oracle_up_to_a_thousand_canvases_away():
-    """Only samples within two grid units of an edge may differ, and only of far triangles."""
+    """Only samples within two grid units of an edge may differ, and only for far triangles."""
     for _, rng in cases(0.5):
         height, width = (int(n) for n in rng.integers(1, 33, 2))
         origin = tuple(int(n) for n in rng.integers(-5000, 5000, 2))
@@ -74,7 +74,10 @@ def test_coverage_equals_the_oracle_up_to_a_thousand_canvases_away():
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_numbers_stay_finite_and_bounded(mode):
-    """Value, gradient and jvp; a vertex moves at most an edge across the canvas."""
+    """The image, gradient and jvp are finite. The gradient is bounded by the length of the canvas.
+
+    A vertex moves at most one edge across the canvas, along which pixels change.
+    """
     rng = np.random.default_rng(12)
     colors = rng.random((COUNT, 3, 3))
     made = [sr.Scene.from_soup(extreme_corners(rng, COUNT, 3.0), colors) for _ in range(12)]

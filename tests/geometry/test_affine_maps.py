@@ -1,4 +1,4 @@
-"""Affine and projective maps against their definitions in the SVG specification."""
+"""Affine and projective maps agree with their definitions in the SVG specification."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""Triangles of one to hundreds of canvases, against an oracle without a guard band.
+"""Triangles up to hundreds of canvases in size equal an oracle that needs no guard band.
 
-The oracle snaps corners to the same grid and decides in Python's integers, which never overflow.
+The oracle rounds corners to the same grid, and decides in Python's integers, which never overflow.
 """
 
 from dataclasses import replace
@@ -21,11 +21,14 @@ from ..oracles.coverage import Canvas, footprint, snap
 from ..oracles.shading import Soup, draw
 
 FAR_TRIANGLE = np.array([(-160, -610), (1080, 435), (-92, -224)], np.float32)
-"""A triangle past the guard band of 544 x 416 pixels; clamped to it, its orientation changes."""
+"""Reaches past the guard band of 544 x 416 pixels; clamping it to the band would flip it."""
 
 
 def far_corners(rng: np.random.Generator, on: Canvas) -> np.ndarray:
-    """A triangle of 1 to 300 canvases with far corners; some near, some nearly collinear."""
+    """A random triangle `[3, 2]`, about 1 to 300 canvases in size.
+
+    Half of these triangles have a corner near the canvas, and a fifth are nearly collinear.
+    """
     side = max(on.height, on.width)
     size = side * 10.0 ** rng.uniform(0, 2.5)
     corners = rng.normal(size=(3, 2)) * size + rng.uniform(0, side, (1, 2))
@@ -38,7 +41,7 @@ def far_corners(rng: np.random.Generator, on: Canvas) -> np.ndarray:
 
 
 def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
-    """The soup of `cases/shading`, with far corners in half of its triangles."""
+    """A soup as in `cases/shading`, with half of its triangles replaced by far ones."""
     soup = soup_of(seed, on=on, **effects)
     rng = np.random.default_rng(seed + 100)
     corners = soup.corners.copy() + np.asarray(on.origin, np.float32)
@@ -49,7 +52,7 @@ def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
 
 @pytest.mark.parametrize("far", [0, 1, 40])
 def test_few_far_triangles_are_cut_like_all(far):
-    """On the host only those past the band are cut; the device cuts all and selects."""
+    """The host clips only the triangles past the guard band; the device clips all, and selects."""
     on, rng = Canvas(24, 31, 2), np.random.default_rng(far)
     corners = rng.uniform(0, 24, (40, 3, 2)).astype(np.float32)
     for index in rng.permutation(40)[:far]:
@@ -75,7 +78,7 @@ def test_few_far_triangles_are_cut_like_all(far):
 
 @pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])
 def test_coverage_orientation_and_weights_equal_the_oracle(origin):
-    """On the host in numpy, as a plan counts, by the same functions as a render."""
+    """The projection runs in NumPy on the host, as for a plan, with the functions of a render."""
     rng = np.random.default_rng(7)
     uncertain = 0
     for _ in range(120):
@@ -135,7 +138,7 @@ def test_images_with_every_effect_equal_the_oracle(name):
     assert "guard band" in plan.effects
     for soup, scene in zip(soups, scenes, strict=True):
         drawn = draw(soup, on, anywhere=True)
-        # Where two depths or two levels are nearly equal, rounding decides.
+        # Rounding decides where two depths, or two levels of a texture, are nearly equal.
         certain = drawn.certain(1e-3, 1e-3)
         assert certain.mean() > 0.5
         image = np.asarray(sr.render(scene, plan))
@@ -148,7 +151,7 @@ def colored(corners: Any) -> sr.Scene:
 
 @pytest.mark.slow
 def test_an_image_is_a_window_of_a_larger_canvas():
-    """The triangle whose orientation would change if it were clamped to the band."""
+    """The triangle would be flipped if it were clamped to the band of the small canvas."""
     scene = colored(FAR_TRIANGLE)
     small = sr.plan(scene, height=416, width=544, coverage=sr.Hard(4))
     large = sr.plan(scene, height=2048, width=2048, coverage=sr.Hard(4), origin=(-700, -700))
@@ -158,7 +161,10 @@ def test_an_image_is_a_window_of_a_larger_canvas():
 
 @pytest.mark.slow
 def test_tiles_with_one_grid_add_up_to_the_canvas():
-    """The same samples, and the same gradients but for rounding in sums over other pixels."""
+    """Tiles that share a grid have the samples of the whole canvas, but for few on clipped edges.
+
+    Their gradients add up to nearly the gradient of the canvas.
+    """
     rng = np.random.default_rng(3)
     corners = rng.uniform(-20, 84, (12, 3, 2))
     corners[0] = [(-3000, -2000), (2500, 100), (40, 1500)]
@@ -191,11 +197,11 @@ def test_tiles_with_one_grid_add_up_to_the_canvas():
         x, y = (int(entry) for entry in plan.origin)
         tile_weight = weight[y : y + 32, x : x + 32]
         gradient, tile = differentiate(scene.positions, plan, tile_weight)
-        # A sample of 16 flips where a cut edge passes within two grid units of it.
+        # One of a pixel's samples may flip where a clipped edge passes within two grid units of it.
         flipped = np.abs(tile - image[y : y + 32, x : x + 32]).max(-1) > 1e-6
         assert flipped.sum() <= 1
         total = total + gradient
-    # Neither tile counts crossings between a sample of one and a sample of the other.
+    # An edge between two neighbouring samples in different tiles counts in neither tile.
     scale = np.abs(expected).max()
     assert np.abs(total - expected).max() < 0.15 * scale
 
@@ -212,7 +218,7 @@ def test_grid_bits_out_of_range_are_refused():
 
 @pytest.mark.slow
 def test_gradients_of_far_and_nearly_flat_edges_are_bounded():
-    """Corners up to the greatest float, and edges that rise by 1e-35 over 2e4 pixels."""
+    """Corners lie as far as 1e38 pixels away, and edges rise by as little as 1e-35 pixels."""
     rng = np.random.default_rng(0)
     scenes = []
     for power in (3, 5, 7, 9, 12, 18, 25, 30, 38):
@@ -232,7 +238,8 @@ def test_gradients_of_far_and_nearly_flat_edges_are_bounded():
         return jnp.sum(sr.render(replace(made[0], positions=positions), plan) ** 2)
 
     gradient_of = jax.jit(jax.grad(loss))
-    # A far corner moves the edge on the canvas little, and no edge there exceeds the canvas.
+    # A far corner moves the part of an edge on the canvas only a little, and this part is no longer
+    # than the canvas.
     for scene in made:
         gradient = np.asarray(gradient_of(scene.positions))
         assert np.isfinite(gradient).all()

@@ -1,4 +1,4 @@
-"""`WrappedValue` against the same integers in 64 bits."""
+"""`WrappedValue` computes what 64-bit integers give."""
 
 import jax.numpy as jnp
 import numpy as np

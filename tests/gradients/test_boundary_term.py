@@ -1,4 +1,4 @@
-"""The gradient of the hard image by positions, against quadrature along edges."""
+"""The gradient of the hard image by positions agrees with quadrature along edges."""
 
 from dataclasses import replace
 
@@ -19,9 +19,10 @@ SIZE = 20
 def random_scene(
     kind: str, *, triangles: int = 10, seed: int = 0, dtype: type = np.float32
 ) -> sr.Scene:
-    """Triangles of a few pixels, with the effects that letters name.
+    """A scene of triangles of a few pixels, with the effects that the letters in `kind` name.
 
-    Corner colours (g), alpha (a), depth (d), perspective (p), a background with alpha (b).
+    The letters are g for corner colours, a for alpha, d for depth, p for perspective and b for a
+    background with alpha.
     """
     rng = np.random.default_rng(seed)
     corners = rng.random((triangles, 1, 2)) * SIZE + rng.normal(size=(triangles, 3, 2)) * 5
@@ -43,7 +44,7 @@ def weights_of(scene: sr.Scene, seed: int = 1) -> np.ndarray:
 
 
 def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
-    """The sum of the image times weights, as a function of the positions."""
+    """A function of the positions: the sum of the image times weights."""
     weights_of_dtype = jnp.asarray(weights, scene.positions.dtype)
 
     def total(positions):
@@ -89,7 +90,7 @@ def test_gradient_approaches_the_quadrature(kind, samples, least):
 
 
 def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
-    """Two triangles, and a strip of `width` pixels between them that shows a third."""
+    """Two triangles, with a strip `width` pixels wide between them that shows a third."""
     corners = [
         [[-5, -5], [30, -4], [4, 40]],
         [[6.03, -3], [7.53, 20], [-12, 8]],
@@ -103,9 +104,9 @@ def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
 def distance_to_quadrature(
     scene: sr.Scene, samples: int, plan_for: list[sr.Scene] | None = None
 ) -> float:
-    """Distance of the gradient to that by quadrature, over the norm of the latter.
+    """Relative error of the gradient: its distance to quadrature, over the norm of quadrature.
 
-    `plan_for`: scenes that share a plan, and so a program, with this one.
+    `plan_for`: scenes that share one plan, and so a program, with this scene.
     """
     weights = np.ones((12, 12, 3)) * [1.0, 0.5, -0.3]
     plan = sr.plan(plan_for or scene, height=12, width=12, coverage=sr.Hard(samples))
@@ -128,7 +129,7 @@ def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, depth):
 @pytest.mark.parametrize("alpha", [None, slowly(0.6)])
 @pytest.mark.parametrize("inwards", [False, slowly(True)])
 def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):
-    """The triangle reaches across the canvas, or ends just inside it."""
+    """The edge is nearer to the border of the canvas than any sample is."""
     far = 24 if inwards == (side < 6) else -12
     corners = np.array([[[side, -3], [side + 0.02, 20], [far, 8]]], np.float32)
     color = [0.0, 1.0, 0.2] if alpha is None else [0.0, 1.0, 0.2, alpha]
@@ -147,7 +148,7 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> np.ndarra
     "samples", [16, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 9, 256))]
 )
 def test_an_axis_aligned_edge_changes_exactly_its_pixels(axis, samples):
-    # One pixel wide strips of the canvas, whose edges at 3.3 and 6.8 move to greater x (or y).
+    # The edges at 3.3 and 6.8 move to greater x (or y), each within one column (or row) of pixels.
     corners = rectangle(3.3, -2.0, 6.8, 12.0)[..., [axis, 1 - axis]]
     scene = sr.Scene.from_soup(corners, [[1.0, 0.5, 0.0]] * 2, background=[0.0, 0.0, 0.25])
     plan = sr.plan(scene, height=10, width=10, coverage=sr.Hard(samples))
@@ -307,7 +308,7 @@ def test_a_program_without_gradients_leaves_out_the_boundary_term():
 
 
 def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:
-    """Nine triangles that do not touch each other, each in its own square of 8 pixels."""
+    """Nine thin or small triangles, each within its own square of 8 x 8 pixels."""
     rng = np.random.default_rng(seed)
     grid = np.stack(np.meshgrid(np.arange(3), np.arange(3)), -1).reshape(-1, 1, 2)
     centre = (grid + 0.5) * 8 + rng.uniform(-0.5, 0.5, (9, 1, 2))
@@ -328,10 +329,10 @@ def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:
 @pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind, most", [slowly("pixel", 0.02), ("sliver", 0.1)])
 def test_thin_triangles_have_their_full_gradient(kind, most, corners):
-    """Triangles with sides of a pixel, and slivers a tenth of a pixel high.
+    """The gradient of triangles a pixel or a tenth of a pixel high equals quadrature on average.
 
-    Their gradient over that by quadrature is 1. It would be 0.85 and 0.47 if edges between two
-    samples that both miss the triangle did not count.
+    It would be 0.85 and 0.47 times as large if an edge between two samples did not count unless one
+    of them lies in the triangle.
     """
     scenes = [thin_triangles(seed, kind, corners) for seed in range(8)]
     plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
@@ -350,7 +351,7 @@ def test_thin_triangles_have_their_full_gradient(kind, most, corners):
     "corners, depth", [(1, False), *(pytest.param(*k, marks=SLOW) for k in [(3, False), (3, True)])]
 )
 def test_translucent_slivers_have_their_full_gradient(corners, depth):
-    """With corner colours and with depth: most lie between samples and are seen at none."""
+    """Most of these slivers lie between samples, and are visible at none."""
     product, square = 0.0, 0.0
     scenes = []
     for seed in range(1, 5):

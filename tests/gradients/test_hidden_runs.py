@@ -1,4 +1,4 @@
-"""Runs that are left out as hidden change nothing in the image, and many others do."""
+"""The runs of crossings that are dropped as hidden change no pixel, and many of the others do."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ SIDE, COUNT = 50, 120
 def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
     """Triangles of all sizes, some of them thinner than a sample; the last covers a corner.
 
-    With depth some are tilted, and cross others.
+    With `depth`, some triangles are tilted and cross others.
     """
     rng = np.random.default_rng(1)
     spread = rng.choice([1.0, 8.0, 40.0], (COUNT, 1, 1))
@@ -39,7 +39,7 @@ def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
     if depth:
         corner_depth = rng.random((COUNT, 1)) + rng.choice([0, 0.1], (COUNT, 1)) * rng.random(3)
         corner_depth[-1] = 0.3
-        # As after a projection whose near plane is close.
+        # Depths are close to 1, as after a projection with a near plane close to the eye.
         corner_depth = 0.99 + 0.005 * corner_depth
     return sr.Scene.from_soup(
         corners.astype(np.float32), rng.random((COUNT, 3)), depth=corner_depth
@@ -47,7 +47,7 @@ def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
 
 
 def _crossings(scene: sr.Scene, samples: int):
-    """All runs of a scene, their crossings, its outlines and its samples."""
+    """The outlines of a scene, all runs, their crossings, its visible samples, and the shape."""
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(samples))
     binned = bin_scene(scene, plan)
     projected = binned.projected
@@ -92,7 +92,7 @@ def test_hidden_runs_change_nothing_and_many_others_do(samples, thin, depth):
     assert not (kept & ~used).any()
     assert kept.sum() < 0.5 * used.sum()
     assert changes_image.sum() > 0.4 * kept.sum()
-    # Block by block, the same runs are left.
+    # Dropping runs block by block leaves the same runs.
     block = next(size for size in range(50, 500) if len(runs.rank) % size == 0)
     left = _without_hidden(outlines, opaque, runs, shape.tiling, block)
     for actual, expected in zip(left, keep_runs(runs, jnp.asarray(kept)), strict=True):

@@ -1,4 +1,4 @@
-"""Derivatives where triangles cross in depth, against differences of an exact area image."""
+"""Gradients where triangles cross in depth approach differences of an exact area image."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def crossing_scene(
 
 
 def weights_of(seed: int = 5) -> np.ndarray:
-    """Weights that are smooth over the canvas, so that single pixels hardly matter."""
+    """Pixel weights that are smooth over the canvas, so that single pixels hardly matter."""
     y, x = np.mgrid[:SIZE, :SIZE] / SIZE
     phase = np.random.default_rng(seed).uniform(0, 6, 3)
     return np.sin(3 * x[..., None] + 2 * y[..., None] + phase)
@@ -125,7 +125,8 @@ def test_gradient_approaches_differences_of_the_area_image(
             assert cosine(coarse_gradient, exact) > 0.95
             assert cosine(fine_gradient, exact) > 0.99
             assert distance(fine_gradient, exact) < 0.5 * distance(coarse_gradient, exact)
-            # A line loses up to a sample at each end, and those of layers have more ends.
+            # A line of intersection loses up to a sample at each end. With layers, there are more
+            # lines and ends.
             tolerance = 0.1 if translucent else 0.05
             norm = np.linalg.norm(exact)
             assert np.linalg.norm(fine_gradient) == pytest.approx(norm, rel=tolerance)
@@ -133,7 +134,7 @@ def test_gradient_approaches_differences_of_the_area_image(
 
 @pytest.mark.slow
 def test_jvp_vjp_and_both_precisions_agree(float64):
-    """In layers; the contract test has opaque triangles that cross."""
+    """The triangles are translucent; `test_contract.py` has opaque triangles that cross."""
     scene = crossing_scene(3, corner_colors=True, translucent=True)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
     total = weighted_sum(scene, plan, weights_of())
@@ -190,7 +191,7 @@ def test_without_crossings_the_gradient_by_depth_is_zero(translucent):
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1.0, 0.5])
 def test_nearly_equal_planes_have_bounded_gradients(alpha):
-    """Two triangles in one plane but for roundings: gradients are bounded."""
+    """Gradients are bounded for two triangles in the same plane up to rounding."""
     corners = np.array([[[1, 1], [11, 2], [5, 11]], [[2, 1], [10, 3], [4, 10.5]]], np.float32)
     colors = np.array([[[1, 0, 0, alpha]], [[0, 0, 1, alpha]]], np.float32)
     colors = colors[..., :3] if alpha == 1 else colors

@@ -1,4 +1,4 @@
-"""Layer masks against the coverage words from which they are made."""
+"""Layer masks hold the bits of the coverage words from which they are made."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""Runs of crossings: their lines, their number, and the tiles in which their samples lie."""
+"""Runs contain every crossing of an edge and a line of samples once, and stay within tiles."""
 
 from collections import Counter
 
@@ -15,10 +15,10 @@ from softras2d.rendering.visible_samples import bin_scene
 from ..cases.marks import slowly
 
 HEIGHT, WIDTH, COUNT = 70, 75, 60
-"""Sides that no tile divides, and the number of triangles."""
+"""Size of the canvas in pixels, mostly no multiple of a tile, and the number of triangles."""
 
 SPARE = 5
-"""Entries of the list of runs beyond those that are needed."""
+"""Unused entries at the end of the list of runs."""
 
 
 def _outlines(samples: int):
@@ -36,7 +36,7 @@ def _outlines(samples: int):
 
 
 def _crossings(outlines, tiling):
-    """All runs, with `SPARE` unused entries, and their crossings."""
+    """All runs, followed by `SPARE` unused entries, and their crossings."""
     sides, edges, _, first, count = outlines
     number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
     runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + SPARE)
@@ -63,13 +63,13 @@ def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
         assert len(on_edge) <= LINES
         assert len(set(on_edge // tile_lines[run])) == 1
     assert set(lines_of_edge.values()) == {1}
-    # Every line that an edge crosses on the canvas has its crossing.
+    # There is a crossing for every line of samples that an edge crosses on the canvas.
     expected = _crossings_on_canvas(sides, first, count, plan.grid)
     assert abs(len(lines_of_edge) - expected) <= 0.002 * expected
 
 
 def _crossings_on_canvas(sides, first, count, grid) -> int:
-    """Number of lines at which the edges are on the canvas, from their corners in float64."""
+    """Number of crossings of edges and lines of samples on the canvas, from corners in float64."""
     start, end, steep = (np.asarray(entry, np.float64) for entry in (*sides[:2], sides.steep))
     total = 0
     for triangle in range(COUNT):
@@ -98,5 +98,5 @@ def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
     valid = np.asarray(crossings.valid)
     np.testing.assert_array_equal(np.asarray(tiles.of_samples(tiles.tile))[valid], tile[valid])
     np.testing.assert_array_equal(np.asarray(tiles.start), 10 * np.asarray(tiles.tile))
-    # Without runs in two tiles the test would show nothing.
+    # The test is empty unless some runs lie in two tiles.
     assert np.asarray(tiles.is_second).any()

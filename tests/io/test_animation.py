@@ -1,4 +1,4 @@
-"""Animations: written GIFs have the given frames and times, and errors are one line."""
+"""Written GIF animations have the given frames and times, and errors are one line."""
 
 import re
 
@@ -14,7 +14,7 @@ RNG = np.random.default_rng(5)
 
 
 def moving_disc(count=4, height=40, width=60):
-    """A shaded disc that moves over white, and a spot of six pixels."""
+    """Frames of a shaded disc that moves over white, and of a spot of six pixels."""
     row, column = np.mgrid[:height, :width].astype(np.float32)
     frames = np.ones((count, height, width, 3), np.float32)
     for k, frame in enumerate(frames):
@@ -26,7 +26,7 @@ def moving_disc(count=4, height=40, width=60):
 
 
 def read_frames(path):
-    """The frames as a viewer shows them, `[n, height, width, 3]` in 0..1, and their seconds."""
+    """The frames that a viewer shows, `[n, height, width, 3]` in 0..1, and their seconds."""
     source = oiio.ImageInput.open(str(path))
     assert source is not None
     pictures, seconds = [], []
@@ -35,7 +35,7 @@ def read_frames(path):
         raw = np.asarray(source.read_image(len(pictures), 0, 0, spec.nchannels, "uint8"))
         assert not source.geterror()
         before = pictures[-1] if pictures else np.zeros_like(raw[..., :3])
-        # OpenImageIO gives alpha 0 where a frame does not draw.
+        # Where a frame leaves the last one visible, OpenImageIO gives alpha 0.
         drawn = raw[..., 3:] > 0 if raw.shape[-1] == 4 else True
         pictures.append(np.where(drawn, raw[..., :3], before))
         numerator, denominator = spec.getattribute("FramesPerSecond")
@@ -83,7 +83,7 @@ def test_unchanged_frames_take_few_bytes(tmp_path):
     unchanged = RNG.random((64, 64, 3))
     write_animation(tmp_path / "one.gif", [unchanged])
     write_animation(tmp_path / "ten.gif", [unchanged] * 10)
-    # A palette of 768 bytes and one pixel each.
+    # Each unchanged frame takes a palette of 768 bytes, and one pixel.
     sizes = [(tmp_path / name).stat().st_size for name in ("one.gif", "ten.gif")]
     assert sizes[1] - sizes[0] < 9 * 820
 
@@ -105,7 +105,7 @@ def test_a_generator_of_jax_arrays_is_written(tmp_path):
 
 @pytest.mark.parametrize("count", [1, 255, 256, 257, 3837, 3838, 3839, 3840, 3841, 9000])
 def test_every_length_of_code_is_read_back(tmp_path, count):
-    # Noise has next to no repeats: a code is added per pixel, and 3838 fill the table.
+    # Noise hardly repeats, so each pixel adds a code, and 3838 pixels fill the table.
     indices = RNG.integers(0, 256, (1, count)).astype(np.uint8)
     grey = np.arange(256, dtype=np.uint8).repeat(3).reshape(256, 3)
     frame = gif.frame(indices, grey, top=0, left=0, delay=2)

@@ -1,4 +1,4 @@
-"""Budgets: charges add up, and errors name the kind, the count, the limit and the shape."""
+"""Budgets of work add up, and errors name the kind, the count, the limit and the shape."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_rectangles_of_pixels_are_charged_as_many_triangles_as_they_become():
 
 @pytest.mark.parametrize("count", [0, 1, 70, 3000])
 def test_pairs_of_overlapping_boxes_equal_brute_force(count, monkeypatch):
-    """All pairs, compared in blocks of any size."""
+    """The pairs are the same for blocks of any size."""
     rng = np.random.default_rng(count)
     corner = rng.integers(0, 100, (count, 2))
     boxes = np.concatenate([corner, corner + rng.integers(0, 9, (count, 2))], axis=1).astype(float)
@@ -55,7 +55,7 @@ def test_pairs_of_overlapping_boxes_equal_brute_force(count, monkeypatch):
 
 
 def test_crossings_are_counted_by_their_edges():
-    """Every edge of one direction crosses each of the other; shared ends do not count."""
+    """Every edge of one direction crosses every edge of the other; shared ends do not count."""
 
     class Count(Budget):
         def charge(self, kind: str, count: int, index: int = 0) -> None:

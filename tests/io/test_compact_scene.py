@@ -1,4 +1,4 @@
-"""Compact binary files of scenes."""
+"""Compact binary files of scenes are read back up to rounding, or refused in one line."""
 
 import struct
 import zlib
@@ -38,7 +38,7 @@ def test_what_is_read_is_the_rounded_scene(tmp_path, scene, steps):
     np.testing.assert_array_equal(again.triangles, scene.triangles)
     np.testing.assert_allclose(again.colors, scene.colors, atol=0.5001 / 255)
     np.testing.assert_allclose(again.background, scene.background, atol=0.5001 / 255)
-    # A second time nothing is rounded.
+    # Writing the result again rounds nothing further.
     sr.write_compact(tmp_path / "b.s2d", again, height=30, width=40, steps_per_pixel=steps)
     assert (tmp_path / "b.s2d").read_bytes() == path.read_bytes()
 
@@ -63,7 +63,7 @@ def test_hostile_files_are_refused(tmp_path):
     path = tmp_path / "a.s2d"
     sr.write_compact(path, mesh(), height=30, width=40)
     data = bytearray(path.read_bytes())
-    # Many triangles; then many bytes in the stream; then a vertex that does not exist.
+    # The files claim too many triangles, unpack to too many bytes, or name a missing vertex.
     for wrong in (
         data[:20] + struct.pack("<I", 2**31) + data[24:],
         data[:32] + zlib.compress(bytes(10**7)),

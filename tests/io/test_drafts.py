@@ -1,4 +1,4 @@
-"""Files are replaced as a whole or not at all, and drafts of killed processes are removed."""
+"""Files are replaced completely or not at all, and drafts of killed processes are removed."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ with atomic_file(pathlib.Path(sys.argv[1])) as draft:
 
 
 def abandon(path: Path) -> Path:
-    """Leave a draft of `path` as kill -9 does."""
+    """Leave a draft of `path`, as a process that is killed while writing does."""
     before = set(path.parent.iterdir())
     subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
     (draft,) = set(path.parent.iterdir()) - before

@@ -1,6 +1,6 @@
-"""Small files that would take hours are read, or refused in one line, within seconds.
+"""Small files made to take hours are read, or refused in one line, within seconds.
 
-What takes quadratic time or worse would take hours here; an alarm ends such a test.
+An algorithm of quadratic time would take hours here; an alarm ends such a test.
 """
 
 import base64
@@ -77,7 +77,7 @@ MADE_HERE = {
 
 @pytest.fixture(scope="module", params=["own", slowly("data")])
 def folder(request, tmp_path_factory):
-    """Files made here, and those of the folder `hostile` in SOFTRAS2D_DATA."""
+    """A folder of files: made here, or the folder `hostile` in SOFTRAS2D_DATA."""
     if request.param == "data":
         if not DATA:
             pytest.skip("SOFTRAS2D_DATA is not set")

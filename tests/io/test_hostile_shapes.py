@@ -1,4 +1,4 @@
-"""Shapes that might take hours are read, or refused in one line, within seconds."""
+"""Shapes made to take hours are read, or refused in one line, within seconds."""
 
 import warnings
 
@@ -35,7 +35,7 @@ TRANSLUCENT = 'fill-opacity=".5"'
 STROKE = 'fill="none" stroke="red" stroke-linejoin="round" stroke-linecap="round"'
 
 
-# The drawing, and in the dialect `svg` the number of triangles or what the error must name.
+# A drawing, and for the dialect `svg` its number of triangles, or what the error must contain.
 SHAPES = {
     "equal points": (polygon(np.ones((20_000, 2))), 0),
     "one segment, to and fro": (polygon(np.tile([[1, 1], [9, 9]], (10_000, 1))), 0),
@@ -85,7 +85,7 @@ def test_costly_shapes_are_read_or_refused_in_time(name, dialect):
     ],
 )
 def test_large_drawings_are_read_in_time_without_a_warning(body, triangles):
-    """`experiments/svg_files` measures the time, which checks of types multiply here."""
+    """The limit is loose, since run-time type checks are slow; `experiments/svg_files` measures."""
     text = f'<svg xmlns="http://www.w3.org/2000/svg" width="10" height="10">{body}</svg>'
     with ends_within(30), warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -94,7 +94,7 @@ def test_large_drawings_are_read_in_time_without_a_warning(body, triangles):
 
 @pytest.mark.slow
 def test_an_opaque_stroke_of_many_dashes_in_a_group_is_cut_out_in_time():
-    """What it hides is removed from both rectangles, and nothing else."""
+    """The area that the stroke hides is removed from both rectangles, and no more."""
     drawing = (
         '<svg><g opacity="0.5"><rect width="9000" height="40"/><rect width="9000" height="40"/>'
         '<path d="M0 20H120000" stroke="red" stroke-dasharray="3 1" stroke-width="2"/></g></svg>'
@@ -112,7 +112,7 @@ def area(scene):
 
 @pytest.mark.parametrize("style", [BLACK, TRANSLUCENT])
 def test_large_polygons_have_their_area(style):
-    """The area of the triangles equals that by the shoelace formula, for a spiral."""
+    """The triangles of a spiral have the area that the shoelace formula gives."""
     outline = spiral(1500) * 8 + 40
     x, y = outline.T
     expected = abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
@@ -121,7 +121,7 @@ def test_large_polygons_have_their_area(style):
 
 
 def test_fill_rules_of_a_large_polygon():
-    """The inner turn of a ring of two turns is a hole under the even-odd rule alone."""
+    """A curve winds twice around a disc, which is a hole under the even-odd rule alone."""
     angle = np.linspace(0, 4 * np.pi, 400, endpoint=False)
     radius = np.where(angle < 6.2831, 4, 2)[:, None]
     ring = 5 + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius

@@ -150,7 +150,7 @@ def test_every_attribute_takes_linear_time(element, dialect):
 
 @pytest.mark.parametrize("pattern", ["lab", "lch", "oklab", "oklch", "rgb", "hsl", "hwb"])
 def test_colours_of_any_size_are_finite(pattern):
-    """Shapes in such colours are drawn in finite ones."""
+    """Colours with huge numbers become finite ones."""
     values = ("1e308", "-1e308", "1e155", "1e999", "-1e999", "none", "50%", "1e308%", "9" * 400)
     for first in values:
         for second in values:

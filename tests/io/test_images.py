@@ -1,4 +1,4 @@
-"""Image files: what is written is read back, under every convention of files and arrays."""
+"""Image files: what is written is read back, for every file format, type and colour space."""
 
 import os
 import pathlib
@@ -95,7 +95,7 @@ def test_jpeg_is_nearly_the_image(tmp_path):
 
 
 def test_srgb_curve_by_hand_and_its_inverse():
-    # IEC 61966-2-1: one half is 21.404 % light; the straight piece ends at 0.04045.
+    # IEC 61966-2-1: 0.5 in sRGB is 0.21404 in linear light; the linear piece ends at 0.04045.
     assert srgb_to_linear(np.array([0.5], np.float32))[0] == pytest.approx(0.21404114, abs=1e-7)
     assert srgb_to_linear(np.array([0.04045], np.float32))[0] == pytest.approx(0.0031308, abs=1e-7)
     values = np.linspace(-0.5, 4.0, 1001, dtype=np.float32)
@@ -173,7 +173,7 @@ def test_sixteen_bits_are_read_exactly(tmp_path):
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_images_are_rotated_by_their_exif_orientation(tmp_path, orientation):
-    # The sides of the upright image at which the first stored row and column lie.
+    # The sides of the upright image to which the first stored row and column belong.
     row, column = {
         1: ("top", "left"), 2: ("top", "right"), 3: ("bottom", "right"), 4: ("bottom", "left"),
         5: ("left", "top"), 6: ("right", "top"), 7: ("right", "bottom"), 8: ("left", "bottom"),
@@ -277,7 +277,7 @@ def test_files_cut_short_are_refused_in_one_line(tmp_path, capfd, suffix, share)
     with pytest.raises(ValueError, match=r"cut short|not an image") as caught:
         read_image(cut)
     assert str(caught.value).startswith(f"{cut}: ") and "\n" not in str(caught.value)
-    # With OpenImageIO 3.1, OpenEXR prints a line itself.
+    # With OpenImageIO 3.1, the OpenEXR library itself prints a line.
     assert suffix == ".exr" or capfd.readouterr().err == ""
 
 
@@ -301,14 +301,14 @@ def test_formats_of_phones_say_what_to_do(tmp_path, brand, kind):
 
 
 def test_a_file_that_claims_too_much_is_refused_unread(tmp_path):
-    # A PNG header of 100,000 x 100,000 pixels over no data.
+    # The PNG header claims 100,000 x 100,000 pixels, but there are no data.
     (tmp_path / "image.png").write_bytes(png(100_000, 100_000, b""))
     with pytest.raises(ValueError, match=r"too many|not an image"):
         read_image(tmp_path / "image.png")
 
 
 def _exr_with(tmp_path, old, new):
-    """An EXR whose bytes `old` are `new`."""
+    """An EXR file in which the bytes `old` are replaced by `new`."""
     path = tmp_path / "broken.exr"
     write_image(path, random_image(3), linear=True)
     data = path.read_bytes()
@@ -326,7 +326,7 @@ def _exr_with(tmp_path, old, new):
     ],
 )
 def test_names_that_are_not_utf8_are_refused_in_one_line(tmp_path, old, new):
-    """OpenImageIO passes them on unchanged, and Python cannot decode them."""
+    """OpenImageIO passes such names on unchanged, and Python cannot decode them."""
     path = _exr_with(tmp_path, old, new)
     with pytest.raises(ValueError, match=r"broken\.exr: ") as caught:
         read_image(path)
@@ -344,7 +344,7 @@ def test_values_that_are_not_finite_are_named_when_read(tmp_path, value):
 
 
 def test_colors_that_overflow_are_named(tmp_path):
-    """When divided by an alpha near 0, or decoded to linear light."""
+    """Colours may overflow when divided by an alpha near 0, or when converted to linear."""
     save(tmp_path / "thin.exr", np.full((1, 1, 4), [1e10, 0, 0, 1e-35], np.float32), "float")
     with pytest.raises(ValueError, match=r"thin\.exr: row 0, column 0, channel 0 is inf"):
         read_image(tmp_path / "thin.exr")

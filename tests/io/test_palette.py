@@ -1,4 +1,4 @@
-"""Palettes: few colours are exact, many are near, and small areas have their colours."""
+"""Palettes: few colours are exact, many are approximated, and small areas keep their colours."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_many_colours_are_near():
     indices, palette = quantized(image)
     assert len(palette) == COLORS
     error = np.abs(palette[indices].astype(float) - image)
-    # 16 x 16 boxes of 16 x 16 levels: 4 from the middle on average, 8 at most.
+    # Boxes of 16 x 16 levels have a mean distance of 4 from the middle in each channel, at most 8.
     assert error[..., :2].mean() < 4.5 and error.max() <= 16
     assert error[..., 2].max() == 0
 

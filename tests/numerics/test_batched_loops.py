@@ -1,4 +1,4 @@
-"""Loops and branches of a batch: all elements take the same steps, and each gets its own result."""
+"""In a batch, loops and branches take the same steps for all elements, with the right results."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ COUNTS = jnp.asarray([[3, 0], [5, 1]], jnp.int32)
 
 
 def sum_below(count):
-    """0 + 1 + ... + (count - 1), also if there are more steps than that."""
+    """0 + 1 + ... + (count - 1), even if the loop takes more than `count` steps."""
 
     def step(number, total):
         return total + jnp.where(number < count, number, 0)
@@ -87,7 +87,7 @@ def test_apply_if_any_changes_only_what_needs_it():
 
 
 def test_a_branch_runs_for_all_elements_or_for_none():
-    """A function that changes what it should not shows which elements it ran for."""
+    """The branch adds 1 wherever it runs, and so shows for which elements it ran."""
     run = jax.vmap(lambda condition: apply_if_any(condition, lambda n: n + 1, jnp.int32(0)))
     np.testing.assert_array_equal(run(jnp.asarray([False, True])), [1, 1])
     np.testing.assert_array_equal(run(jnp.asarray([False, False])), [0, 0])

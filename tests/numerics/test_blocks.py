@@ -1,4 +1,4 @@
-"""A function applied block by block against the function applied at once."""
+"""A function applied block by block gives what the function gives at once."""
 
 import jax
 import jax.numpy as jnp

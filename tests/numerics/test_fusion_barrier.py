@@ -1,4 +1,4 @@
-"""The behaviour of the compiler that makes `fusion_barrier` necessary."""
+"""`materialized` prevents fusion; other means do not, which is why the module exists."""
 
 from collections.abc import Callable
 
@@ -23,12 +23,12 @@ def consume(y: jax.Array) -> jax.Array:
 
 
 def chain(barrier: Callable) -> Callable[[jax.Array], jax.Array]:
-    """Both steps, with `barrier` around the first."""
+    """A function of both steps, with `barrier` around the first."""
     return lambda x: consume(barrier(produce)(x))
 
 
 def optimization_barrier(function: Callable) -> Callable:
-    """JAX's own barrier, on the result of a function."""
+    """Wrap the result of a function in JAX's own barrier."""
     return lambda x: jax.lax.optimization_barrier(function(x))
 
 
@@ -47,7 +47,7 @@ def test_a_materialized_function_is_not_fused():
 @on_cpu
 @pytest.mark.parametrize("barrier", [lambda f: f, optimization_barrier], ids=["none", "jax"])
 def test_other_chains_are_fused(barrier):
-    """If this fails, the compiler has learnt to do without `materialized`."""
+    """If this fails, the compiler no longer fuses the steps, and `materialized` can go."""
     assert is_fused(chain(barrier))
 
 

@@ -1,4 +1,4 @@
-"""A linear map with a given transpose, under every transformation."""
+"""A linear map with a given transpose is right under every transformation of JAX."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""A function that a batch calls element by element, under every transformation."""
+"""A function that a batch runs element by element gives the same under every transformation."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ from softras2d.numerics.one_by_one import one_by_one
 
 
 def plain(inputs):
-    """A tree from a tree, with integers in both; `power` is an exponent."""
+    """A function of a tree that returns a tree, both with integers; `power` is an exponent."""
     x, power = inputs["x"], inputs["power"]
     wave = jnp.sin(x) ** power.astype(x.dtype) * inputs["scale"]
     return {"sum": jnp.sum(wave), "wave": wave, "doubled": 2 * power}
@@ -28,7 +28,7 @@ def inputs_of(seed, batch=()):
 
 
 def loss_of(function):
-    """A number from the floats of the inputs and from the rest."""
+    """A scalar function of the floats in the inputs and of the integers."""
 
     def loss(floats, power):
         outputs = function(floats | {"power": power})
@@ -38,7 +38,7 @@ def loss_of(function):
 
 
 def split(inputs):
-    """The floats of the inputs, and the integers."""
+    """Split the inputs into floats and integers."""
     return {name: inputs[name] for name in ("x", "scale")}, inputs["power"]
 
 
@@ -50,7 +50,7 @@ def assert_same(actual, expected):
 
 
 def runs_one_by_one(function, *arguments):
-    """Whether a program loops over calls of a single element."""
+    """Whether the traced program loops over the elements of a batch."""
     return "scan[" in str(jax.make_jaxpr(function)(*arguments))
 
 
@@ -62,7 +62,7 @@ def test_values_are_those_of_the_function():
 
 
 def derivatives_of(function, transform, floats, power):
-    """Value and gradient, tangent, linear map and second derivative, in one program."""
+    """Value, gradient, tangent, linear map and second derivative, computed in one program."""
 
     def loss(floats):
         return transform(loss_of(function))(floats, power)
@@ -113,7 +113,7 @@ def test_the_batch_may_be_any_axis():
 
 
 def derivatives_of_batch(function, floats, power):
-    """Gradient of the batch, batch of gradients and tangents, also of a batch of batches."""
+    """Derivatives of a batch, or of a batch of batches, with vmap and grad in either order."""
 
     def vectorised(function):
         for _ in power.shape:
@@ -151,7 +151,7 @@ def test_a_gradient_of_a_batch_outside_jit_equals_a_loop():
 
 
 def test_the_gradient_of_a_batch_stores_no_intermediate_arrays():
-    """Only what it needs to start an element again, without the sines within."""
+    """The backward pass stores only the inputs, to compute an element again, and no sines."""
 
     def deep(x):
         for _ in range(5):

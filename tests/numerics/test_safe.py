@@ -1,4 +1,4 @@
-"""Safe square root and division: values and derivatives at their singular points."""
+"""Safe square root and division have finite values and derivatives at their singular points."""
 
 import jax
 import jax.numpy as jnp

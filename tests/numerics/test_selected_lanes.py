@@ -1,4 +1,4 @@
-"""Groups of selected lanes."""
+"""Selected lanes are visited in groups, each lane exactly once."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,7 @@
-"""Exact area and distance of one triangle and one pixel, in float64 numpy, no code shared."""
+"""An oracle for one triangle and one pixel: exact area, centroid and distance, in float64 NumPy.
+
+It shares no code with the package.
+"""
 
 import itertools
 
@@ -6,7 +9,10 @@ import numpy as np
 
 
 def clip_polygon(points, axis, bound, keep_less):
-    """Clip by one side of a pixel, point by point, as Sutherland and Hodgman do."""
+    """Clip a polygon at the line where coordinate `axis` is `bound`, by Sutherland and Hodgman.
+
+    `keep_less`: keep the part at or below `bound`, else the part at or above it.
+    """
     clipped = []
     for k, b in enumerate(points):
         a = points[k - 1]
@@ -20,7 +26,7 @@ def clip_polygon(points, axis, bound, keep_less):
 
 
 def area_in_pixel(corners, column, row) -> float:
-    """Area that a triangle covers in a pixel, by clipping the triangle."""
+    """Area that a positively oriented triangle covers in a pixel, in square pixels, by clipping."""
     points = [np.asarray(c, np.float64) for c in corners]
     for axis, low in ((0, column), (1, row)):
         points = clip_polygon(points, axis, low, False)
@@ -32,7 +38,7 @@ def area_in_pixel(corners, column, row) -> float:
 
 
 def centroid_in_pixel(corners, column, row):
-    """Centroid of what a triangle covers in a pixel, by a fan over the clipped polygon."""
+    """Centroid (x, y) of the part of a triangle in a pixel, by a fan over the clipped polygon."""
     points = [np.asarray(c, np.float64) for c in corners]
     for axis, low in ((0, column), (1, row)):
         points = clip_polygon(points, axis, low, False)
@@ -45,7 +51,10 @@ def centroid_in_pixel(corners, column, row):
 
 
 def distance(corners, x, y) -> float:
-    """Signed distance from a point to a positively oriented triangle, edge by edge, in pixels."""
+    """Signed distance, in pixels, from a point to a positively oriented triangle.
+
+    It is positive inside. A triangle without area has no inside.
+    """
     point, least, inside = np.array([x, y]), np.inf, True
     for k in range(3):
         a, b = corners[k], corners[(k + 1) % 3]

@@ -1,10 +1,13 @@
-"""Supersampling one triangle after another, decided in integers: numpy only, no code shared.
+"""An oracle for sampled coverage: it decides each sample of each triangle in exact integers.
 
-Vertices are rounded, half to even, to multiples of 2^-k px with k = 23 - ceil(log2(2 L)), L the
-longer side of the canvas. Everything is then counted in units of 1 / (2 S 2^k) px, S samples a
-side, where vertices are multiples of 2 S and sample i lies at (2 i + 1) 2^k. Within half of L
-around the canvas a coordinate stays below 2^29 units and an edge function below 2^60, so int64
-holds all of it.
+It uses NumPy alone and shares no code with the package.
+
+Vertices are rounded, half to even, to multiples of 2^-k px. Here k = 23 - ceil(log2(2 L)), but at
+most 18, and L is the longer side of the canvas in pixels. All coordinates are then integers in
+units of 1 / (2 S 2^k) px, for S x S samples per pixel. In these units, vertices are multiples of
+2 S, and sample i along an axis lies at (2 i + 1) 2^k. If no vertex is farther than L / 2 from the
+canvas and S is at most 16, coordinates stay below 2^29 and edge functions below 2^60. Both fit
+int64.
 """
 
 import math
@@ -17,7 +20,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Canvas:
-    """The canvas: sizes in pixels, `rate` samples a side, `origin` (x, y) subtracted."""
+    """A canvas and its sample grid.
+
+    - `height`, `width`: in pixels.
+    - `rate`: samples per pixel along each axis.
+    - `fill_rule`: "inclusive" or "top_left".
+    - `origin`: (x, y) in pixels, subtracted from all positions.
+    - `grid_bits`: replaces the default exponent k of the vertex grid.
+    """
 
     height: int
     width: int
@@ -28,7 +38,7 @@ class Canvas:
 
     @property
     def exponent(self) -> int:
-        """k: the grid is 2^-k px."""
+        """The exponent k: vertices are rounded to multiples of 2^-k px."""
         if self.grid_bits is not None:
             return self.grid_bits
         return min(18, 23 - math.ceil(math.log2(2 * max(self.height, self.width))))
@@ -39,23 +49,24 @@ class Canvas:
         return self.rate**2
 
     def band(self) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest and highest (x, y), origin subtracted, that the oracle decides."""
+        """The lowest and highest (x, y), in pixels and relative to the origin, of any vertex."""
         half = max(self.height, self.width) / 2
         return np.array([-half, -half]), np.array([self.width + half, self.height + half])
 
 
 def snap(corners: Any, canvas: Canvas, *, anywhere: bool = False) -> np.ndarray:
-    """Round `corners` `[triangles, 3, 2]` to the grid, in units of the oracle, int64.
+    """Round `corners` `[triangles, 3, 2]`, in pixels, to the grid, in the integer units above.
 
-    Corners outside the band are an error, unless they may lie `anywhere`: the units are then
-    Python integers, which never overflow.
+    The result is int64, and a corner outside `Canvas.band` fails an assertion. With `anywhere`,
+    all corners are allowed, and the result holds Python integers, which never overflow.
     """
     corners = np.asarray(corners)
     assert corners.dtype in (np.float32, np.float64)
-    # Snapped first (`rint` rounds half to even), then moved: all in float64, where nothing is lost.
+    # Corners are first rounded (`rint` rounds half to even) and then moved by the origin. Both
+    # steps are exact in float64.
     grid = np.rint(corners.astype(np.float64) * 2.0**canvas.exponent)
     if anywhere:
-        # float64 holds a float32 times 2^k, and Python's integers hold the rest.
+        # A float32 times 2^k is exact in float64, and Python's integers have no limit.
         units = np.vectorize(int, otypes=[object])(grid)
         moved = units - np.array([o << canvas.exponent for o in canvas.origin], object)
         return moved * (2 * canvas.rate)
@@ -67,17 +78,21 @@ def snap(corners: Any, canvas: Canvas, *, anywhere: bool = False) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Footprint:
-    """The samples of one triangle inside the box `rows` x `columns`."""
+    """The samples that one triangle covers, within a box of the sample grid.
+
+    - `rows`, `columns`: the box, as ranges of rows and columns of samples of the canvas.
+    - `inside` `[rows, columns]`: whether the triangle covers each sample of the box.
+    """
 
     rows: slice
     columns: slice
     inside: np.ndarray
     weights: np.ndarray
-    """Barycentric weights `[rows, columns, 3]`."""
+    """Barycentric weights `[rows, columns, 3]` of the samples, in screen space."""
 
 
 def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
-    """The samples that one snapped triangle `[3, 2]` covers."""
+    """The samples that one triangle `[3, 2]`, a result of `snap`, covers."""
     step = 2 << canvas.exponent
     rows = _box(triangle[:, 1], step, canvas.height * canvas.rate)
     columns = _box(triangle[:, 0], step, canvas.width * canvas.rate)
@@ -86,7 +101,7 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     if triangle.dtype == object:
         x, y = x.astype(object), y.astype(object)
 
-    # Edge i runs opposite corner i; its function is the doubled area that corner i weighs.
+    # Edge i is opposite corner i. Its edge function, over twice the area, is the corner's weight.
     edges, gradients = [], []
     for i in range(3):
         (x0, y0), (x1, y1) = triangle[(i + 1) % 3], triangle[(i + 2) % 3]
@@ -96,7 +111,8 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     area = int((x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0))
 
     if area == 0:
-        # A sample on the line and in the bounding box is on the segment.
+        # A triangle without area is a segment or a point. A sample is on it if all edge functions
+        # are zero and the sample is in the bounding box.
         low, high = triangle.min(axis=0), triangle.max(axis=0)
         inside = ((edges[0] == 0) & (edges[1] == 0) & (edges[2] == 0)).astype(bool)
         inside &= ((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])).astype(bool)
@@ -106,7 +122,7 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     sign = 1 if area > 0 else -1
     inside = np.ones((y.size, x.size), bool)
     for edge, (dx, dy) in zip(edges, gradients, strict=True):
-        # The gradient (dx, dy) of the edge function points inwards, once oriented.
+        # Times `sign`, the gradient (dx, dy) of the edge function points into the triangle.
         left, top = sign * dx > 0, dx == 0 and sign * dy > 0
         has_boundary = canvas.fill_rule == "inclusive" or left or top
         inside &= ((sign * edge >= 0) if has_boundary else (sign * edge > 0)).astype(bool)
@@ -115,7 +131,7 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
 
 
 def _box(values: np.ndarray, step: int, count: int) -> slice:
-    """The samples between the extremes of `values`, as indices within 0..count."""
+    """The samples between the least and the greatest of `values`, as indices within 0..count."""
     first = -((step // 2 - int(values.min())) // step)
     last = (int(values.max()) - step // 2) // step
     start = min(max(first, 0), count)
@@ -137,9 +153,14 @@ def coverage(corners: Any, canvas: Canvas) -> np.ndarray:
 
 
 def draw(corners: Any, colors: Any, background: Any, canvas: Canvas) -> np.ndarray:
-    """The image, float64 `[height, width, 3]`, or straight RGBA where `background` is `[4]`.
+    """Composite the triangles "over" in draw order at every sample, and average over pixels.
 
-    `colors` are `[triangles, channels]` or `[triangles, 1 or 3, channels]`, straight.
+    - `corners`: `[triangles, 3, 2]` in pixels.
+    - `colors`: `[triangles, channels]` or `[triangles, 1 or 3, channels]`, RGB or straight RGBA.
+    - `background`: `[3]` or `[4]`, straight.
+
+    The image is `[height, width, 3 or 4]` in float64, with straight alpha where `background` has
+    alpha.
     """
     colors = np.asarray(colors, np.float64)
     colors = colors[:, None] if colors.ndim == 2 else colors
@@ -167,7 +188,7 @@ def draw(corners: Any, colors: Any, background: Any, canvas: Canvas) -> np.ndarr
 
 
 def _premultiply(color: np.ndarray) -> np.ndarray:
-    """RGB or straight RGBA to premultiplied RGBA."""
+    """Convert RGB or straight RGBA to premultiplied RGBA."""
     if color.shape[-1] == 3:
         return np.concatenate([color, np.ones((*color.shape[:-1], 1))], axis=-1)
     return np.concatenate([color[..., :3] * color[..., 3:], color[..., 3:]], axis=-1)

@@ -1,4 +1,7 @@
-"""A small translucent scene, composited as sums over dense arrays in float64."""
+"""An oracle for translucent layers: every triangle composited at every sample, in float64.
+
+It is written in JAX, so that autodiff gives gradients by the colours.
+"""
 
 from typing import Any
 
@@ -12,7 +15,10 @@ SIDE, RATE = 12, 4
 
 
 def layered_scene(count: int, corners: int, seed: int = 0) -> sr.Scene:
-    """Triangles whose lists exceed a segment of the gradient, some fully opaque or transparent."""
+    """Random translucent triangles on and around the canvas; some have alpha 0 or 1.
+
+    `corners`: 1 for flat colours, 3 for corner colours.
+    """
     rng = np.random.default_rng(seed)
     positions = rng.uniform(-4, SIDE + 4, (count, 3, 2))
     colors = rng.uniform(0, 1, (count, corners, 4))
@@ -22,7 +28,7 @@ def layered_scene(count: int, corners: int, seed: int = 0) -> sr.Scene:
 
 
 def dense_weights(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the corners at all samples, `[triangles, 3, samples]`, and what is covered."""
+    """Barycentric weights `[triangles, 3, samples]`, and coverage `[triangles, samples]`."""
     sample = (np.arange(SIDE * RATE) + 0.5) / RATE
     x, y = (axis.ravel() for axis in np.meshgrid(sample, sample))
     point = np.stack([x, y], -1)[None, None]
@@ -32,12 +38,15 @@ def dense_weights(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     value = along[..., 0] * offset[..., 1] - along[..., 1] * offset[..., 0]
     area = value.sum(1, keepdims=True)
     share = value / area
-    # Edge k touches corners k and k + 1: its share is the weight of corner k + 2.
+    # Edge k runs from corner k to corner k + 1, so its share of the area weighs corner k + 2.
     return np.roll(share, -1, 1), (share >= 0).all(1)
 
 
 def dense_image(scene: sr.Scene, colors: Any, weights: np.ndarray, covered: np.ndarray) -> Array:
-    """Composite all triangles at all samples, and average over pixels; in float64."""
+    """Composite all triangles "over" at all samples, and average over pixels: `[SIDE, SIDE, 3]`.
+
+    `colors`: straight RGBA `[triangles, 1 or 3, 4]`, in float64.
+    """
     color = jnp.broadcast_to(scene.background.astype(colors.dtype), (weights.shape[2], 3))
     for index in range(weights.shape[0]):
         corner_weights = jnp.asarray(weights[index].T)

@@ -1,12 +1,13 @@
-"""Derivatives of the box-filtered image by quadrature, in float64 numpy, one sample at a time.
+"""An oracle for the derivatives of the box-filtered image by vertex positions, by quadrature.
 
-Shares no code with the package, and has no gather, tile or integer in it. The derivative of a
-weighted sum of pixels with respect to the vertices has two terms:
+It uses float64 NumPy and shares no code with the package. The derivative of a weighted sum of
+pixels has two terms:
 
-- Along every edge: the pixel's weight, times the jump of the composited colour across the edge,
-  times the speed of the edge along its normal.
-- Over the area: the change of composited colours as barycentric weights change under a fixed
-  coverage. It is smooth, and found by central differences.
+- The boundary term is an integral along every edge. The integrand is the pixel's weight, times the
+  jump of the composited colour across the edge, times the speed of the edge along its normal.
+- The interior term is an integral over the area. The integrand is the pixel's weight, times the
+  change of the composited colour as barycentric weights change under fixed coverage. This change
+  is smooth, and computed by central differences.
 """
 
 from collections.abc import Callable
@@ -15,13 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Shade = Callable[[int, np.ndarray], np.ndarray]
-"""From a triangle and weights `[points, 3]` to opaque values `[points, channels]`."""
+"""Maps a triangle index and weights `[points, 3]` to opaque values `[points, channels]`."""
 
 
 class Flat(NamedTuple):
-    """A scene in float64: corners `[n, 3, 2]`, straight RGBA `[n, 3, 4]`, and what is optional.
+    """A scene of n triangles as float64 arrays, without shared vertices.
 
-    `shade`: replaces the colours.
+    - `corners`: `[n, 3, 2]` in pixels.
+    - `colors`: straight RGBA `[n, 3, 4]` of the corners.
+    - `background`: `[channels]`, straight.
+    - `depth`, `inverse_w`: `[n, 3]`, or None.
+    - `shade`: computes the values to draw in place of `colors`, if given.
     """
 
     corners: np.ndarray
@@ -33,7 +38,7 @@ class Flat(NamedTuple):
 
 
 def flatten(scene, origin=(0, 0)) -> Flat:
-    """The scene as arrays over triangles and their corners."""
+    """Convert a scene of the package to arrays over triangles and their corners."""
     triangles = np.asarray(scene.triangles)
     colors = np.asarray(scene.colors, np.float64)
     colors = np.broadcast_to(colors, (colors.shape[0], 3, colors.shape[2]))
@@ -60,9 +65,9 @@ def position_gradient(
 ) -> np.ndarray:
     """Gradient `[vertices, 2]` of the sum of the box-filtered image times `pixel_weights`.
 
-    `points`: per pixel of length along edges; `rate`: squared, samples per pixel of area.
-
-    `shade` and `background`, given together, replace the colours of the scene.
+    - `points`: quadrature points per pixel of edge length.
+    - `rate`: the interior term uses `rate` x `rate` points per pixel.
+    - `shade`, `background`: given together, they replace the colours and background of the scene.
     """
     flat = flatten(scene, origin)
     if shade is not None:
@@ -77,7 +82,7 @@ def position_gradient(
 
 
 def _edge_term(flat: Flat, weights: np.ndarray, points: int) -> np.ndarray:
-    """The term of the edges, `[n, 3, 2]`, by `points` per pixel of length."""
+    """The boundary term `[n, 3, 2]`, with `points` quadrature points per pixel of edge length."""
     height, width = weights.shape[:2]
     gradient = np.zeros(flat.corners.shape)
     for i, corners in enumerate(flat.corners):
@@ -106,7 +111,7 @@ def _edge_term(flat: Flat, weights: np.ndarray, points: int) -> np.ndarray:
 
 
 def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
-    """The term of the area, `[n, 3, 2]`, by `rate` squared samples per pixel."""
+    """The interior term `[n, 3, 2]`, with `rate` x `rate` quadrature points per pixel."""
     height, width = weights.shape[:2]
     y, x = (np.mgrid[0 : height * rate, 0 : width * rate].reshape(2, -1) + 0.5) / rate
     points = np.stack([x, y], 1)
@@ -114,7 +119,7 @@ def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
     weight_at = weights[y.astype(int), x.astype(int)] / rate**2
     gradient, step = np.zeros(flat.corners.shape), 1e-6
     for entry in np.ndindex(*flat.corners.shape):
-        # A triangle changes the colours of the points inside it only.
+        # Under fixed coverage, a triangle changes the colours of the points inside it alone.
         near = inside[entry[0]]
         values = []
         for sign in (1, -1):
@@ -149,7 +154,10 @@ def _weights(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _composite(
     flat: Flat, corners: np.ndarray, covered: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """Premultiplied colours at points, in draw order, with the depth test if there is depth."""
+    """Composite premultiplied colours at points in draw order, with a depth test if there is depth.
+
+    `covered` `[n, points]` says which triangles cover each point, whatever `corners` are.
+    """
     channels = flat.background.shape[0]
     premultiplied_background = flat.background
     if channels == 4:

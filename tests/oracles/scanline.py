@@ -1,9 +1,9 @@
-"""The area image of crossing triangles in float64 numpy, exact along each scanline.
+"""An oracle for the box-filtered image of triangles that cross in depth, in float64 NumPy.
 
-A scanline is cut wherever the visible triangles can change: at the triangles' edges, where two
-planes of depth meet, and at the borders of pixels. Between two cuts the same triangles are visible
-and the colour is affine, so that the colour in the middle times the length is the integral.
-Scanlines lie at the midpoints of equal steps, so that the sum is smooth in positions and depths.
+It integrates exactly along each scanline. A scanline is cut at edges of triangles, where two planes
+of depth meet, and at the sides of pixels. Between two cuts the same triangles are visible and the
+colour is affine, so the colour in the middle, times the length, is the integral. Scanlines lie at
+the midpoints of equal steps, so the image is smooth in positions and depths.
 """
 
 import numpy as np
@@ -22,9 +22,14 @@ def area_image(
 ) -> np.ndarray:
     """Mean colour of each pixel, `[height, width, 3]`.
 
-    A triangle is visible where it lies no deeper than all that were drawn before it, with its
-    `alpha`, `[triangles]`. `corners` is `[triangles, 3, 2]` and `depth` `[triangles, 3]`; `colors`,
-    one for each corner, are `[triangles, 3, 3]`. `lines`: scanlines per pixel.
+    A triangle is drawn where it is no deeper than any triangle drawn before it.
+
+    - `corners`: `[triangles, 3, 2]` in pixels.
+    - `depth`: `[triangles, 3]`, one per corner.
+    - `colors`: RGB `[triangles, 3, 3]`, one per corner.
+    - `background`: RGB `[3]`.
+    - `alpha`: `[triangles]`.
+    - `lines`: scanlines per pixel.
     """
     planes = [
         _plane(c, np.column_stack([d, k])) for c, d, k in zip(corners, depth, colors, strict=True)
@@ -41,12 +46,15 @@ def area_image(
 
 
 def _plane(corners: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients `[3, values]` of 1, x and y for values given at the corners."""
+    """Coefficients `[3, values]` of 1, x and y of the affine functions with these corner values."""
     return np.linalg.solve(np.column_stack([np.ones(3), corners]), values)
 
 
 def _cuts(corners: np.ndarray, planes: list[np.ndarray], y: np.ndarray, width: int) -> np.ndarray:
-    """Cuts `[lines, cuts]` of the scanlines at `y`, `[lines, 1]`; 0 for edges that do not cross."""
+    """The x `[lines, cuts]` at which scanlines are cut, unsorted; `y` is `[lines, 1]`.
+
+    An edge that a scanline does not cross gives a cut at 0, which changes nothing.
+    """
     cuts = [np.broadcast_to(np.arange(width + 1.0), (len(y), width + 1))]
     for triangle in corners:
         for (x0, y0), (x1, y1) in zip(triangle, np.roll(triangle, -1, 0), strict=True):

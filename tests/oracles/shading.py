@@ -1,7 +1,7 @@
-"""Whole images, one sample after another: textures, depth, perspective, multisampling.
+"""An oracle for complete images: textures, depth, perspective and multisampling.
 
-Coverage is decided by the integers of `coverage.py`, everything else in float64 numpy by the
-definitions. Nothing is shared with the package, and texture pyramids are built anew.
+Coverage is decided in integers by `coverage.py`. Everything else is computed from the definitions
+in float64 NumPy. The oracle shares no code with the package, and builds its own mip levels.
 """
 
 import functools
@@ -16,10 +16,14 @@ from .texture import PLAIN, Sampler, chain, premultiplied, sample
 
 @dataclass(frozen=True)
 class Soup:
-    """A scene of free triangles, as arrays and images.
+    """A scene of triangles that share no vertices, in draw order.
 
-    - `corners` `[triangles, 3, 2]`, `colors` `[triangles, 1 or 3, 3 or 4]`, `background` 3 or 4.
-    - `uv` `[triangles, 3, 2]`, `texture_index` `[triangles]`, `images`: straight, any sizes.
+    - `corners`: `[triangles, 3, 2]` in pixels.
+    - `colors`: RGB or straight RGBA `[triangles, 1 or 3, 3 or 4]`, per triangle or per corner.
+    - `background`: `[3]` or straight `[4]`.
+    - `uv`: `[triangles, 3, 2]`.
+    - `texture_index`: `[triangles]`, -1 for no texture.
+    - `images`: textures of any sizes, in RGB or straight RGBA.
     - `depth`, `inverse_w`: `[triangles, 3]`.
     """
 
@@ -41,11 +45,11 @@ class Soup:
 
 @dataclass(frozen=True)
 class Drawing:
-    """An image, and how near each of its decisions was, in float64.
+    """An image in float64, and how near each pixel was to a decision that rounding could change.
 
-    - `image` `[height, width, 3 or 4]`: straight.
-    - `depth_margin` `[height, width]`: least difference of two depths that were compared.
-    - `margin` `[height, width]`: least of the margins of `texture.sample` among the visible points.
+    - `image`: `[height, width, 3 or 4]`, with straight alpha.
+    - `margin`: `[height, width]`, the least margin of `texture.sample` among the visible points.
+    - `depth_margin`: `[height, width]`, the least difference of two depths that were compared.
     """
 
     image: np.ndarray
@@ -53,7 +57,10 @@ class Drawing:
     depth_margin: np.ndarray
 
     def certain(self, margin: float = 1e-4, depth_margin: float = 0.0) -> np.ndarray:
-        """Pixels in which every decision is farther than the margins from going the other way."""
+        """Which pixels have margins so large that rounding cannot change a decision.
+
+        `margin` must be exceeded, and `depth_margin` reached.
+        """
         return (self.margin > margin) & (self.depth_margin >= depth_margin)
 
 
@@ -65,9 +72,10 @@ def draw(
     *,
     anywhere: bool = False,
 ) -> Drawing:
-    """The image of `soup`; `shading` is "sample" or "pixel" (multisampling).
+    """Draw `soup`, one triangle after another.
 
-    `anywhere`: whether corners may lie outside the band.
+    - `shading`: "sample", or "pixel" for multisampling.
+    - `anywhere`: whether corners may lie outside `Canvas.band`.
     """
     scene = SnappedSoup(soup, canvas, sampler, anywhere)
     footprints = [footprint(triangle, canvas) for triangle in scene.snapped]
@@ -94,7 +102,7 @@ def draw(
 
 
 class SnappedSoup:
-    """A soup with what is computed once: snapped corners and texture pyramids."""
+    """A soup with its corners rounded to the grid and the mip levels of its textures."""
 
     def __init__(
         self, soup: Soup, canvas: Canvas, sampler: Sampler = PLAIN, anywhere: bool = False
@@ -106,12 +114,15 @@ class SnappedSoup:
 
     @functools.cached_property
     def pixels(self) -> np.ndarray:
-        """Snapped corners in pixels."""
+        """The rounded corners `[triangles, 3, 2]` in pixels."""
         units = self.snapped.astype(np.float64)
         return units / (2.0 * self.canvas.rate * 2.0**self.canvas.exponent)
 
     def shade(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Premultiplied colours `[points, 4]` and margins, by screen-space weights."""
+        """Premultiplied colours `[points, 4]` and margins `[points]` of one triangle.
+
+        `weights` `[points, 3]` are barycentric, in screen space.
+        """
         soup = self.soup
         weights, gradients = self.projected_weights(index, weights)
         corners = np.asarray(soup.colors[index], np.float64)
@@ -126,7 +137,10 @@ class SnappedSoup:
         return color, margin
 
     def projected_weights(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Perspective weights `[points, 3]` and their gradients by x and y, `[points, 3, 2]`."""
+        """Perspective-correct weights `[points, 3]`, and their gradients by x and y in pixels.
+
+        The gradients are `[points, 3, 2]`.
+        """
         gradients = np.broadcast_to(_weight_gradients(self.pixels[index]), (len(weights), 3, 2))
         if self.soup.inverse_w is None:
             return weights, gradients
@@ -152,7 +166,10 @@ def _weight_gradients(corners: np.ndarray) -> np.ndarray:
 def depth_test(
     scene: SnappedSoup, footprints: list[Footprint]
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Which covered samples of each triangle pass, and the least margin at each sample."""
+    """The samples at which each triangle passes the depth test, and the margin of each sample.
+
+    The margin is the least difference of two depths that were compared at the sample.
+    """
     canvas, soup = scene.canvas, scene.soup
     shape = (canvas.height * canvas.rate, canvas.width * canvas.rate)
     depth_buffer, margin = np.full(shape, np.inf), np.full(shape, np.inf)
@@ -160,7 +177,7 @@ def depth_test(
         return [covered.inside for covered in footprints], margin
     passes = []
     for covered, depth in zip(footprints, np.asarray(soup.depth, np.float64), strict=True):
-        # By differences, so that a triangle of constant depth has it everywhere.
+        # Interpolating differences gives a triangle of constant depth exactly this depth.
         value = depth[0] + covered.weights @ (depth - depth[0])
         buffer, least_difference = (
             array[covered.rows, covered.columns] for array in (depth_buffer, margin)
@@ -179,8 +196,8 @@ def _once_per_pixel(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colours and margins for the `drawn` samples, shaded once per pixel.
 
-    At the pixel's centre if the closed triangle contains it, else at the centroid of the pixel's
-    covered samples, whether drawn or not.
+    A pixel is shaded at its centre if the closed triangle contains it. Otherwise it is shaded at
+    the mean position of its covered samples, including those that fail the depth test.
     """
     canvas = scene.canvas
     pixel_canvas = replace(canvas, rate=1, fill_rule="inclusive")

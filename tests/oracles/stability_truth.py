@@ -1,8 +1,9 @@
-"""Soft coverage, exact area and their derivatives in float64 numpy; no code of the package.
+"""An oracle for soft coverage, exact area, the images they give, and all derivatives.
 
-The derivative of coverage by a corner is a central difference, over a step far below every length
-of the case. Images are composited by hand, and multilinear in coverages and colours: their
-derivatives follow from what lies in front and behind.
+It uses float64 NumPy and shares no code with the package. The derivative of coverage by a corner is
+a central difference, over a step far below every length in the scene. The image is multilinear in
+coverages and colours. Its other derivatives therefore follow in closed form from the transmittance
+in front of a triangle and the colour behind it.
 """
 
 import math
@@ -12,24 +13,27 @@ from typing import NamedTuple
 import numpy as np
 
 Coverage = Callable[[np.ndarray], np.ndarray]
-"""From corners `[3, 2]` to `[height, width]`."""
+"""Maps the corners `[3, 2]` of a triangle, in pixels, to coverage `[height, width]` in 0..1."""
 
 
 def centres(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel centres, x and y `[height, width]`."""
+    """The x and y of all pixel centres, `[height, width]` each."""
     y, x = np.mgrid[:height, :width] + 0.5
     return x, y
 
 
 def oriented(corners: np.ndarray) -> tuple[np.ndarray, float]:
-    """Positively oriented corners, and the sign of the area that they had."""
+    """The corners in positive orientation, and the sign of the area before reordering."""
     (ax, ay), (bx, by) = corners[1] - corners[0], corners[2] - corners[0]
     sign = float(np.sign(ax * by - ay * bx))
     return (corners[[0, 2, 1]] if sign < 0 else corners), sign
 
 
 def distance(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Signed distance in pixels, positive inside; without area there is no inside."""
+    """Signed distance to the triangle, in pixels and positive inside.
+
+    A triangle without area has no inside, so the distance is nowhere positive.
+    """
     corners, sign = oriented(corners)
     least, inside = np.full(x.shape, np.inf), np.full(x.shape, sign != 0)
     for k in range(3):
@@ -47,7 +51,11 @@ def distance(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def soft(height: int, width: int, softness: float) -> Coverage:
-    """Soft coverage with the logistic profile: cut at 6, rescaled, and 0.9 at `softness` / 2 px."""
+    """Soft coverage with the logistic profile.
+
+    The logistic function is clamped at arguments of -6 and 6 and rescaled to 0..1. Coverage is 0.9
+    at `softness` / 2 pixels inside the edge.
+    """
     x, y = centres(height, width)
     cut_value = 1 / (1 + math.exp(6))
     high = 0.9 - 0.8 * cut_value
@@ -61,9 +69,10 @@ def soft(height: int, width: int, softness: float) -> Coverage:
 
 
 def area(height: int, width: int) -> Coverage:
-    """The area in each pixel, by integrating the length of horizontal cuts.
+    """Coverage by exact area: the integral, over y, of the length of horizontal sections.
 
-    The length is linear in y between the corners and crossings of pixel sides, where it breaks.
+    Within a pixel the length is piecewise linear in y. It has kinks at the corners and where edges
+    cross the sides of the pixel, so the midpoint rule between the kinks is exact.
     """
     x, y = (c[..., None] - 0.5 for c in centres(height, width))
 
@@ -105,11 +114,11 @@ def derivatives(cover: Coverage, corners: np.ndarray, step: float) -> np.ndarray
 
 
 class Scale(NamedTuple):
-    """Lengths in pixels.
+    """The lengths, in pixels, that decide how finely derivatives are measured.
 
-    - `rounding`: uncertainty of the corners of a scene.
-    - `smooth`: over which derivatives change where they do not jump.
-    - `compares`: whether coverage depends on which edge is nearer, not on the sign of areas alone.
+    - `rounding`: uncertainty of the corners in float32.
+    - `smooth`: the length over which derivatives change noticeably, apart from jumps.
+    - `compares`: whether coverage depends on which edge is nearest, as soft coverage does.
     """
 
     rounding: float
@@ -117,7 +126,7 @@ class Scale(NamedTuple):
     compares: bool
 
     def for_triangle(self, corners: np.ndarray) -> tuple[float, float]:
-        """The step of differences for a triangle, and by how much its corners may be moved."""
+        """The step of central differences, and how far `jumps_nearby` may move the corners."""
         sides = corners - np.roll(corners, 1, 0)
         (ax, ay), (bx, by) = sides[:2]
         longest = np.hypot(*sides.T).max()
@@ -131,10 +140,10 @@ class Scale(NamedTuple):
 def jumps_nearby(
     cover: Coverage, corners: np.ndarray, derivative: np.ndarray, scale: Scale
 ) -> np.ndarray:
-    """Pixels whose derivatives jump within a rounding of the corners.
+    """Which pixels `[height, width]` have a derivative that jumps within a rounding of the corners.
 
-    No float32 program can know the derivative there: a vertex lies on the centre, or two edges are
-    equally near to it.
+    This happens where a vertex lies on the pixel centre, or two edges are equally near to it. No
+    float32 program can know the derivative there.
     """
     rng = np.random.default_rng(0)
     step, rounding = scale.for_triangle(corners)
@@ -148,12 +157,14 @@ def jumps_nearby(
 
 
 class Jacobian(NamedTuple):
-    """An image, and its derivatives with respect to what a scene of flat triangles holds.
+    """An image, and its derivatives by the inputs of a scene of n flat triangles.
 
-    - `image`: `[height, width, 3]`; `corners`: `[n, 3, 2, height, width, 3]`.
-    - `color`: by a triangle's colour, `[n, height, width]`; `alpha`: `[n, height, width, 3]`.
-    - `background`: by the background's colour, `[height, width]`.
-    - `is_unknown`: `[height, width]`, pixels whose derivative by corners is not known.
+    - `image`: `[height, width, 3]`.
+    - `corners`: by each coordinate of each corner, `[n, 3, 2, height, width, 3]`.
+    - `color`: of each channel by the same channel of a triangle's colour, `[n, height, width]`.
+    - `alpha`: by each triangle's alpha, `[n, height, width, 3]`.
+    - `background`: of each channel by the same channel of the background, `[height, width]`.
+    - `is_unknown`: pixels whose derivative by corners is not known, `[height, width]`.
     """
 
     image: np.ndarray
@@ -173,7 +184,7 @@ class Jacobian(NamedTuple):
         return total + self.background[..., None] * background
 
     def backward(self, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """J^T w, by corners, RGBA and background."""
+        """J^T w, by corners, RGBA and background, for image weights `[height, width, 3]`."""
         corners = np.einsum("nkahwc,hwc->nka", self.corners, weight)
         color = np.einsum("nhw,hwc->nc", self.color, weight)
         alpha = np.einsum("nhwc,hwc->n", self.alpha, weight)
@@ -193,10 +204,10 @@ def jacobian(
     scale: Scale,
     summed: bool = False,
 ) -> Jacobian:
-    """Image and derivatives of triangles `[n, 3, 2]` in RGBA `[n, 4]`.
+    """The image of triangles `[n, 3, 2]` in straight RGBA `[n, 4]`, and its derivatives.
 
-    Composited "over" in draw order, or `summed` with the signs of their areas.
-    A triangle with a corner that is not finite covers nothing.
+    The triangles are composited "over" in draw order. With `summed` they are added up, each with
+    the sign of its area. A triangle with a corner that is not finite covers nothing.
     """
     finite = np.all(np.isfinite(corners), axis=(1, 2))
     corners = np.where(finite[:, None, None], corners, 0.0)

@@ -1,4 +1,4 @@
-"""The coverage oracle against cases counted by hand, and against a second one in fractions."""
+"""The coverage oracle equals cases counted by hand, and a second oracle in exact fractions."""
 
 from fractions import Fraction
 from itertools import pairwise
@@ -46,7 +46,7 @@ def test_right_triangle_by_hand():
 
 def test_right_and_bottom_edges_are_not_covered_under_top_left():
     corners = [(2.5, 2.5), (0.5, 2.5), (2.5, 0.5)]
-    # All three edges: the hypotenuse is a left edge, the others right and bottom.
+    # The hypotenuse is a left edge and is covered; the right and the bottom edge are not.
     assert _covered(corners, height=4, width=4, rate=1, fill_rule="top_left") == [(1, 1)]
 
 
@@ -62,7 +62,7 @@ def test_points_and_segments_by_hand(fill_rule):
 
 
 def test_averaging_and_compositing_by_hand():
-    # Half of pixel 0 is red at alpha 1/2 over white: three quarters of its samples stay as bright.
+    # Half of pixel 0 is red at alpha 1/2 over white, so its green and blue fall to three quarters.
     half = np.array([[(0, 0), (0.5, 0), (0, 2)], [(0.5, 0), (0.5, 2), (0, 2)]], np.float32)
     red = np.array([[1, 0, 0, 0.5]] * 2, np.float32)
     canvas = Canvas(1, 2, rate=2, fill_rule="top_left")
@@ -82,7 +82,7 @@ def test_weights_by_hand():
 
 
 def _brute_force(corners, canvas: Canvas) -> np.ndarray:
-    """Covered samples in fractions of pixels, by other formulas than the oracle's."""
+    """The covered samples, in exact fractions of pixels and by other formulas than the oracle's."""
     scale = 2**canvas.exponent
     moved = [
         [Fraction(float(v)) - o for v, o in zip(p, canvas.origin, strict=True)] for p in corners
@@ -108,8 +108,8 @@ def _covers(p, triangle, fill_rule) -> bool:
         return False
     if min(s, t, 1 - s - t) > 0 or fill_rule == "inclusive":
         return True
-    # On the boundary: every edge that holds the point must be a left or a top one, so a step
-    # towards +x, and then an infinitely smaller one towards +y, leads inside.
+    # The sample is on the boundary. It is covered if every edge through it is a left or a top edge:
+    # then a tiny step towards +x, and a far tinier one towards +y, leads inside.
     small = (Fraction(1, 10**15), Fraction(1, 10**30))
     return _covers((p[0] + small[0], p[1] + small[1]), triangle, "inclusive")
 

@@ -1,4 +1,4 @@
-"""The shading oracle against closed forms, small cases by hand, and invariants."""
+"""The shading oracle equals closed forms and small cases worked by hand, and keeps invariants."""
 
 from dataclasses import replace
 from typing import Any
@@ -64,7 +64,7 @@ def test_borders_by_hand():
 
 
 def test_levels_by_hand():
-    """Sixteen texels over eight pixels: level one, and half a level on with a bias."""
+    """Two texels per pixel select level 1; a bias shifts the level, within the levels there are."""
     image = np.random.default_rng(0).random((16, 16, 3))
     levels = chain(image)
     step = np.diag([1 / 8, 1 / 16])
@@ -79,14 +79,18 @@ def test_levels_by_hand():
     np.testing.assert_array_equal(
         _at(image, 0.3, 0.3, step * 0, lod_bias=9.0), _at(image, 0.3, 0.3)
     )
-    # The larger of the two steps counts, as vectors: sqrt(3^2 + 4^2) / 16 by 16 is 5 texels.
+    # The longer of the two steps decides, as a vector: (3, 4) texels along x have length 5.
     turned = np.array([[3, 0.5], [4, 0.5]]) / 16
     same = np.diag([5.0, 1.0]) / 16
     np.testing.assert_allclose(_at(image, 0.3, 0.3, turned), _at(image, 0.3, 0.3, same))
 
 
 def test_probes_by_hand():
-    """7.5 texels by 2: four probes 1.875 texels apart, on the level of that distance."""
+    """A footprint of 7.5 x 2 texels takes four probes, 7.5 / 4 texels apart.
+
+    Each probe reads the level whose texels are as large as this distance. If fewer probes are
+    allowed, they are farther apart.
+    """
     image = np.random.default_rng(1).random((16, 16, 3))
     step = np.diag([7.5, 2]) / 16
 
@@ -99,7 +103,7 @@ def test_probes_by_hand():
     np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=16), spread(4))
     np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=2), spread(2))
     np.testing.assert_allclose(_at(image, 0.4, 0.3, step, anisotropy=1), spread(1))
-    # Turning the screen turns nothing in the texture.
+    # Rotating the screen axes leaves the footprint in the texture as it is.
     c, s = np.cos(0.7), np.sin(0.7)
     turned = step @ np.array([[c, -s], [s, c]])
     np.testing.assert_allclose(_at(image, 0.4, 0.3, turned, anisotropy=16), spread(4))
@@ -112,7 +116,10 @@ def test_a_ramp_is_drawn_as_a_ramp():
 
 
 def test_perspective_of_a_plane_by_closed_form():
-    """u over w is affine: along a row, u = (x / 8 * q1) / (1 - x / 8 + x / 8 * q1)."""
+    """As u / w is affine on the screen, u = t q / (1 - t + t q) along a row, for t = x / 8.
+
+    Here q = 0.25 is 1 / w at the right side of the quad; at the left side 1 / w is 1.
+    """
     inverse_w = np.where(QUAD[..., 0] > 0, 0.25, 1.0)
     ramp = np.array([[[0.0] * 3, [1.0] * 3]])
     soup = _textured_quad(ramp, inverse_w=inverse_w)
@@ -168,7 +175,10 @@ def test_with_depth_the_order_of_opaque_triangles_does_not_matter(shading):
 
 
 def test_depth_and_alpha_by_hand():
-    """Front triangles show those behind them; a later one behind is hidden, even by alpha 0."""
+    """A translucent triangle shows what was drawn before it, farther away.
+
+    It hides what is drawn after it, farther away, even if its alpha is 0.
+    """
     corners = np.array([[(-1, -1), (3, -1), (-1, 3)]] * 3, np.float32)
     colors = np.array([[1, 0, 0, 1], [0, 1, 0, 0.5], [0, 0, 1, 0.5]], np.float32)[:, None]
     depth = np.array([0.5, 0.25, 0.375])[:, None] * np.ones(3)
@@ -182,7 +192,7 @@ def test_depth_and_alpha_by_hand():
 
 
 def test_interpenetrating_planes_meet_where_they_are_equal():
-    """Depths x / 8 and 1/2 over the same square: the second is in front right of x = 4."""
+    """Depths are x / 8 and 1 / 2 over one square, so the second is in front right of x = 4."""
     corners = np.concatenate([QUAD, QUAD])
     depth = np.concatenate([QUAD[..., 0] / 8, np.full((2, 3), 0.5)])
     colors = np.array([0.0, 0.0, 1.0, 1.0])[:, None, None] * np.ones(3)
@@ -192,13 +202,17 @@ def test_interpenetrating_planes_meet_where_they_are_equal():
 
 
 def test_multisampling_shades_at_the_centre_or_centroid():
-    """A corner colour equal to x: 0.5 at a covered centre, the samples' mean x elsewhere."""
+    """A colour proportional to x is taken at the pixel centre where the triangle covers it.
+
+    Elsewhere it is taken at the mean position of the covered samples.
+    """
     corners = np.array([[(0, 0), (1, 0), (0, 1)], [(2, 1), (1, 1), (2, 0)]], np.float32)
     colors = corners[..., :1] / 2 * np.ones(3)
     soup = Soup(corners, colors, np.zeros(3))
     on = Canvas(1, 2, rate=2, fill_rule="top_left")
-    # The centre lies on the edge of the closed triangle; one of four samples is inside, for the
-    # hypotenuse of the first is no left edge and the other's is.
+    # Both pixel centres lie on a hypotenuse, and so in the closed triangle. Two samples of each
+    # pixel lie on it too. The first triangle covers one sample, since its hypotenuse is not a left
+    # edge; the second covers three, since its hypotenuse is one.
     image = draw(soup, on, shading="pixel").image
     np.testing.assert_allclose(image[0, :, 0], [0.25 * 1 / 4, 0.75 * 3 / 4])
     small = replace(soup, corners=np.array([[(0, 0), (0.875, 0), (0, 0.875)]] * 2, np.float32))
@@ -208,11 +222,11 @@ def test_multisampling_shades_at_the_centre_or_centroid():
 
 
 def test_margins_are_distances_to_texel_borders():
-    """They are infinite for bilinear lookups at level zero, which decide nothing."""
+    """Margins are infinite for bilinear lookups at level zero, which have no jumps."""
     soup = soup_of(0)
     smooth = draw(soup, ON, Sampler(level="zero"))
     assert np.isinf(smooth.margin).all() and np.isinf(smooth.depth_margin).all()
-    # Texels four pixels wide: samples lie an eighth of a texel off their borders.
+    # Texels are four pixels wide, so the nearest samples are an eighth of a texel off a border.
     quad = _textured_quad(RAMP[:2, :2])
     sharp = draw(quad, Canvas(8, 8, rate=1), Sampler(pixel="nearest", level="zero"))
     np.testing.assert_allclose(sharp.margin.min(), 0.125)

@@ -1,7 +1,7 @@
-"""Texture lookups in float64 numpy, by the definitions; no code is shared with the package.
+"""An oracle for texture lookups, written from the definitions in float64 NumPy.
 
-Texels are premultiplied, four channels. A point has `uv` `[points, 2]` and the Jacobian
-`[points, 2, 2]` of (u, v) by a step of one pixel along (x, y).
+It shares no code with the package. Texels are premultiplied RGBA. Points have texture coordinates
+`uv` `[points, 2]` and Jacobians `[points, 2, 2]`, the derivatives of (u, v) by (x, y) in pixels.
 """
 
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 ROUNDING = 2.0**-10
-"""A ratio of the axes that exceeds a whole number by no more gets no further probe."""
+"""Subtracted from the ratio of a footprint's axes before it is rounded up to a number of probes."""
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """How textures are sampled, in the terms of `softras2d.Filter` and `TexturePyramid.build`."""
+    """How textures are sampled; options as in `softras2d.Filter` and `TexturePyramid.build`."""
 
     pixel: str = "bilinear"
     level: str = "linear"
@@ -29,7 +29,10 @@ PLAIN = Sampler()
 
 
 def chain(image: Any) -> list[np.ndarray]:
-    """Every mip level of a straight RGB or RGBA image, `[height, width, 4]` premultiplied."""
+    """All mip levels of an image in RGB or straight RGBA, finest first.
+
+    Each level is `[height, width, 4]`, premultiplied.
+    """
     levels = [premultiplied(np.asarray(image, np.float64))]
     while max(levels[-1].shape[:2]) > 1:
         height, width = levels[-1].shape[:2]
@@ -38,10 +41,10 @@ def chain(image: Any) -> list[np.ndarray]:
 
 
 def reduction(size: int) -> np.ndarray:
-    """The matrix `[half, size]` of a box filter: how much of each texel lies in each larger one.
+    """The matrix `[half, size]` of a box filter that halves the number of texels.
 
-    The line 0..1 is cut into `size` texels and into `half` larger ones; a larger texel is the
-    average over its interval of the line, for even and odd sizes.
+    The interval 0..1 is cut into `size` texels, and into `half` larger ones. A larger texel is the
+    average over its part of the interval, for even and odd sizes.
     """
     half = max(size // 2, 1)
     fine, coarse = np.arange(size + 1) / size, np.arange(half + 1) / half
@@ -51,7 +54,7 @@ def reduction(size: int) -> np.ndarray:
 
 
 def premultiplied(color: np.ndarray) -> np.ndarray:
-    """RGB or straight RGBA to premultiplied RGBA."""
+    """Convert RGB or straight RGBA to premultiplied RGBA."""
     alpha = color[..., 3:] if color.shape[-1] == 4 else np.ones((*color.shape[:-1], 1))
     return np.concatenate([color[..., :3] * alpha, alpha], axis=-1)
 
@@ -59,14 +62,15 @@ def premultiplied(color: np.ndarray) -> np.ndarray:
 def sample(
     levels: list[np.ndarray], uv: np.ndarray, jacobian: np.ndarray, sampler: Sampler
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Premultiplied texels `[points, 4]`, and the margin `[points]` of the nearest decision.
+    """Premultiplied texels `[points, 4]`, and margins `[points]` to the nearest jump.
 
-    The margin is how far the point is from another texel, level or number of probes, in texels of
-    the level, in levels, or in the ratio of the axes, whichever is least.
+    Lookups jump where another texel, another level or another number of probes is chosen. The
+    margin is the least of the distances to these jumps: in texels of the level, in levels, and in
+    the ratio of the footprint's axes. It is infinite if the lookup has no jumps.
     """
     height, width = levels[0].shape[:2]
     size = np.array([width, height], np.float64)
-    # d(u W, v H) / d(x, y), in texels of the base.
+    # The derivative of (u W, v H) by (x, y), in texels of the finest level.
     footprint = jacobian * size[:, None]
     if sampler.anisotropy == 1:
         axis, probes = np.zeros_like(uv), np.ones(len(uv))
@@ -87,13 +91,14 @@ def sample(
 
 
 def _major_axis(footprint: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
-    """The longer axis in base texels, the probes along it, its length, the margin of their number.
+    """The longer axis of each footprint, the number of probes, its length, and the margin.
 
-    Written by hand for two by two, from the eigenvalues of J J^T.
+    The axis and its length are in texels of the finest level, from the eigenvectors of J J^T. The
+    margin is how far the ratio of the axes is from another number of probes.
     """
     product = footprint @ footprint.transpose(0, 2, 1)
     values, vectors = np.linalg.eigh(product)
-    # The determinant gives the shorter axis without cancellation.
+    # The determinant, over the longer axis, gives the shorter axis without cancellation.
     longer = np.sqrt(np.maximum(values[:, 1], 0))
     shorter = np.abs(np.linalg.det(footprint)) / np.where(longer > 0, longer, 1)
     ratio = np.where(shorter > 0, longer / np.where(shorter > 0, shorter, 1), np.inf)
@@ -107,7 +112,7 @@ def _major_axis(footprint: np.ndarray, most: int) -> tuple[np.ndarray, ...]:
 def _between_levels(
     levels: list[np.ndarray], uv: np.ndarray, level: np.ndarray, sampler: Sampler
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One probe: texel and margin under the level rule."""
+    """Texel and margin of one probe, from one level or blended from two."""
     last = len(levels) - 1
     if sampler.level == "zero":
         return _on_level(levels, uv, np.zeros(len(uv), int), sampler)
@@ -119,7 +124,7 @@ def _between_levels(
     fine, fine_margin = _on_level(levels, uv, lower, sampler)
     coarse, coarse_margin = _on_level(levels, uv, np.minimum(lower + 1, last), sampler)
     fraction = (level - lower)[:, None]
-    # A level of next to no weight decides nothing.
+    # Jumps of a level that has zero weight do not show.
     coarse_margin = np.where(fraction[:, 0] > 0, coarse_margin, np.inf)
     return (1 - fraction) * fine + fraction * coarse, np.minimum(fine_margin, coarse_margin)
 
@@ -127,7 +132,7 @@ def _between_levels(
 def _on_level(
     levels: list[np.ndarray], uv: np.ndarray, level: np.ndarray, sampler: Sampler
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Texel and margin on the level of each point."""
+    """Texel and margin of each point on its own level, an integer."""
     texel, margin = np.zeros((len(uv), 4)), np.full(len(uv), np.inf)
     for index in np.unique(level):
         chosen = level == index
@@ -147,7 +152,7 @@ def _on_image(image: np.ndarray, uv: np.ndarray, sampler: Sampler) -> tuple[np.n
 
 
 def _taps(u: np.ndarray, size: int, sampler: Sampler) -> tuple[Any, Any, np.ndarray]:
-    """Indices, weights and margin along one axis of `size` texels."""
+    """The texels to blend along one axis of `size` texels: indices, weights and the margin."""
     repeat, corners = sampler.border == "repeat", sampler.addressing == "corners"
     seam = np.full(u.shape, np.inf)
     if corners:
@@ -164,7 +169,7 @@ def _taps(u: np.ndarray, size: int, sampler: Sampler) -> tuple[Any, Any, np.ndar
         return index % size if repeat and not corners else np.clip(index, 0, size - 1)
 
     if sampler.pixel == "nearest":
-        switch = np.rint(x + 0.5)  # between texels `switch` - 1 and `switch`
+        switch = np.rint(x + 0.5)  # the nearest border, between texels `switch` - 1 and `switch`
         exists = (wrap(switch) != wrap(switch - 1)) & (size > 1)
         margin = np.where(exists, np.abs(x + 0.5 - switch), np.inf)
         return [wrap(np.floor(x + 0.5))], [np.ones_like(u)], np.minimum(margin, seam)

@@ -1,6 +1,7 @@
-"""Triangle, weights and depth at each sample: decided in integers, computed in float64 numpy.
+"""An oracle for visibility buffers: the triangle, weights and depth that each sample shows.
 
-Nothing is shared with the package.
+Coverage is decided in integers, and all else is computed in float64 with NumPy. The oracle shares
+no code with the package.
 """
 
 from typing import NamedTuple
@@ -12,11 +13,14 @@ from .shading import SnappedSoup, Soup, depth_test
 
 
 class Shown(NamedTuple):
-    """What `softras2d.Visibility` should hold, always with an axis of layers.
+    """The expected arrays of `softras2d.Visibility`, always with an axis of layers.
 
-    - `triangle` `[height, width, samples, layers]`: nearest first, -1 for background.
-    - `weights` `[height, width, samples, layers, 3]`: in perspective with `inverse_w`.
-    - `depth` `[height, width, samples, layers]`: infinity for background, and without depth.
+    - `triangle` `[height, width, samples, layers]`: triangle indices, nearest first, or -1 for
+      background.
+    - `weights` `[height, width, samples, layers, 3]`: barycentric weights, perspective-correct if
+      the scene has `inverse_w`; 0 for background.
+    - `depth` `[height, width, samples, layers]`: infinity for background, and everywhere if the
+      scene has no depth.
     - `overdraw` `[height, width, samples]`: number of triangles that cover the sample.
     - `depth_margin` `[height, width, samples]`: least difference of two depths that were compared.
     """
@@ -29,9 +33,9 @@ class Shown(NamedTuple):
 
 
 def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False) -> Shown:
-    """Draw one triangle after another, each in front of the layers so far.
+    """Draw one triangle after another; one that passes the depth test becomes the first layer.
 
-    `anywhere`: whether corners may lie outside the band.
+    `anywhere`: whether corners may lie outside `Canvas.band`.
     """
     scene = SnappedSoup(soup, canvas, anywhere=anywhere)
     footprints = [footprint(triangle, canvas) for triangle in scene.snapped]
@@ -58,7 +62,10 @@ def show(soup: Soup, canvas: Canvas, layers: int = 1, *, anywhere: bool = False)
 
 
 def by_pixel(samples: np.ndarray, canvas: Canvas) -> np.ndarray:
-    """Rows and columns of samples as `[height, width, samples, ...]`, row by row in each pixel."""
+    """Reshape rows and columns of samples to `[height, width, samples, ...]`.
+
+    The samples of a pixel are in row-major order.
+    """
     rate, rest = canvas.rate, samples.shape[2:]
     cut = samples.reshape(canvas.height, rate, canvas.width, rate, *rest)
     return cut.swapaxes(1, 2).reshape(canvas.height, canvas.width, rate**2, *rest)

@@ -1,4 +1,4 @@
-"""Winding numbers by angles, for polygons of a few corners."""
+"""An oracle for winding numbers, by summing angles, for polygons of a few corners."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,6 +11,6 @@ def winding_numbers(
     towards = contour[None] - points[:, None]
     angle = np.arctan2(towards[..., 1], towards[..., 0])
     turn = np.roll(angle, -1, axis=1) - angle
-    # The shorter way around the point.
+    # Each side of the polygon turns the shorter way around the point.
     turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
     return np.round(turn.sum(axis=1) / (2 * np.pi)).astype(np.int64)

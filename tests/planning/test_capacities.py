@@ -1,4 +1,4 @@
-"""Capacities: a scene that outgrows them is reported; headroom and the worst case enlarge them."""
+"""A scene that exceeds the capacities of its plan is reported; options enlarge the capacities."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from ..cases.scenes import assert_same_counts, colors_of
 from ..oracles.coverage import Canvas
 
 LARGE = Canvas(160, 192)
-"""A canvas on which `COUNT` triangles are too many to be listed for every tile."""
+"""A canvas so large that a plan does not list all `COUNT` triangles in every tile."""
 
 
 def _plan_large(scenes, **options) -> sr.Plan:
@@ -23,7 +23,7 @@ def _plan_large(scenes, **options) -> sr.Plan:
 
 
 def _crowded() -> sr.Scene:
-    """As many triangles as `random_scene`, all of them in one tile."""
+    """A scene of as many triangles as `random_scene`, all of them in one tile."""
     corners = np.tile(np.array([(1, 1), (7, 1), (1, 7)], np.float32), (COUNT, 1, 1))
     return sr.Scene.from_soup(corners, colors_of(COUNT))
 
@@ -39,7 +39,7 @@ def test_overflow_is_flagged():
 
 
 def test_a_small_scene_cannot_outgrow_its_plan():
-    """No lists are needed where listing every triangle for every tile costs no more."""
+    """On a small canvas every tile lists every triangle, so no list can be too short."""
     plan = plan_of(random_scene())
     assert plan.lists_all
     assert "no list can be too short" in str(plan)
@@ -49,7 +49,7 @@ def test_a_small_scene_cannot_outgrow_its_plan():
 
 
 def test_overflow_stops_eager_render():
-    """By one line that names the list, its length and the capacity, and what helps."""
+    """The error is one line. It names the list, its length, the capacity, and a remedy."""
     with pytest.raises(ValueError, match="outgrew its plan") as raised:
         sr.render(_crowded(), _plan_large(random_scene()))
     message = str(raised.value)
@@ -59,7 +59,7 @@ def test_overflow_stops_eager_render():
 
 
 def test_overflow_stops_a_traced_render():
-    """The last line of the error is that of an eager render."""
+    """The last line of the error is the one line of an eager render."""
     plan = _plan_large(random_scene())
     with pytest.raises(Exception, match="plan") as raised:
         jax.jit(sr.render)(_crowded(), plan).block_until_ready()
@@ -82,7 +82,7 @@ def test_overflow_is_per_scene_in_a_batch():
     "coverage", [sr.Hard(4), slowly(sr.Soft(1.0)), slowly(sr.Area())], ids=repr
 )
 def test_an_overflow_is_nan_if_the_plan_says_so(coverage):
-    """In the image and in the gradient, without an error."""
+    """The image and the gradient are NaN, and no error is raised."""
     options = {"height": LARGE.height, "width": LARGE.width, "coverage": coverage}
     plan = sr.plan(random_scene(), on_overflow="nan", **options)
     crowded = _crowded()
@@ -97,7 +97,7 @@ def test_an_overflow_is_nan_if_the_plan_says_so(coverage):
 
 @pytest.mark.slow
 def test_a_worst_case_plan_needs_no_values():
-    """Shapes are enough, also within a trace, and any positions are drawn."""
+    """Shapes are enough, so a plan can be made while tracing, and any positions are drawn."""
     scene = random_scene()
     shapes = jax.eval_shape(lambda: scene)
     plan = _plan_large(shapes, capacity="worst_case")

@@ -1,4 +1,4 @@
-"""Plans: shared programs, panning by `origin`, reported overflow, and refused scenes."""
+"""Plans share programs, pan by `origin`, report overflow, and refuse other scenes."""
 
 import equinox as eqx
 import jax
@@ -30,7 +30,7 @@ def test_a_similar_scene_compiles_nothing(count_compilations):
 
 
 def test_similar_scenes_have_few_capacities():
-    """Similar scenes need few programs: each capacity may be either of two sizes."""
+    """Each capacity of similar scenes takes at most two values, so few programs are needed."""
     structures = set()
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def test_equal_plans_share_a_program(count_compilations):
 
 
 def _with_origin(plan: sr.Plan, x: int, y: int) -> sr.Plan:
-    """The same plan with another origin, which is an array."""
+    """The plan with another origin, which is an array and so can change without compiling."""
     return eqx.tree_at(lambda p: p.origin, plan, jnp.asarray((x, y), plan.origin.dtype))
 
 
@@ -105,7 +105,7 @@ def test_printing_a_plan_depends_on_its_effects():
 
 @pytest.mark.slow
 def test_windows_of_an_image_are_its_parts():
-    """Windows of a large image, by `origin`, together are the image."""
+    """Plans with an `origin` draw windows of a large image; together these are the image."""
     on = Canvas(80, 96)
     corners, colors = random_corners(0) * 2, colors_of(COUNT)
     scene = sr.Scene.from_soup(corners, colors)
@@ -142,7 +142,7 @@ def test_vertices_that_are_not_finite_are_refused_by_number(value):
 
 @pytest.mark.parametrize("value", [NAN, float("inf"), -float("inf")])
 def test_triangles_that_are_not_finite_cover_nothing(value):
-    """`render` does not check for it: the triangle is not drawn, and the others are."""
+    """`render` raises no error: it leaves out the triangle, and draws the others."""
     scene = random_scene()
     plan = plan_of(scene)
     positions = scene.positions.at[22, 1].set(value).at[100, 0].set(value)
@@ -176,7 +176,7 @@ def test_alpha_out_of_range_is_refused():
 
 
 def test_scenes_of_another_structure_are_refused():
-    """A plan for opaque scenes refuses a translucent one, or draws it right."""
+    """A plan for opaque scenes refuses a translucent one, or draws it correctly."""
     scene = random_scene()
     translucent = sr.Scene.from_soup(random_corners(0), colors_of(COUNT, channels=4))
     expected = draw(random_corners(0), colors_of(COUNT, channels=4), np.ones(3), ON)

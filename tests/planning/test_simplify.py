@@ -1,4 +1,4 @@
-"""`simplify` drops what is not visible, and never changes the image."""
+"""`simplify` removes inputs that have no effect, and never changes the image."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,7 +49,7 @@ def test_structure_is_the_smallest(seed, corners, channels, opaque):
 )
 def test_the_image_is_the_same(corners, channels, opaque):
     scenes = [_scene(seed, corners, channels, opaque) for seed in range(3)]
-    # Equal colours at all corners, in the structure of a scene with different ones.
+    # This scene has a colour for each corner, and they are equal.
     if corners == 3:
         same = jnp.broadcast_to(scenes[0].colors[:, :1], scenes[0].colors.shape)
         scenes.append(sr.Scene.from_soup(scenes[0].positions.reshape(-1, 3, 2), same))
@@ -99,7 +99,7 @@ def test_depth_is_dropped_where_draw_order_implies_it(depths, is_needed):
 
 
 def test_a_transparent_triangle_still_hides_later_ones_behind_it():
-    """It writes its depth, so it is not dropped if there is a depth test."""
+    """With a depth test, a transparent triangle writes its depth, so it must not be removed."""
     corners = np.array([[(1, 1), (9, 1), (1, 9)]] * 2, np.float32)
     colors = np.array([[1, 1, 1, 0], [1, 0, 0, 1]], np.float32)
     depth = np.array([[1, 1, 1], [2, 2, 2]], np.float32)
@@ -111,7 +111,7 @@ def test_a_transparent_triangle_still_hides_later_ones_behind_it():
 
 
 def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
-    """A 6 x 6 texture over the canvas, `scale` texels to a pixel, as two triangles."""
+    """A 6 x 6 texture on two triangles over the canvas, at `scale` texels per pixel."""
     size = np.float32(HEIGHT)
     corners = np.array([[(0, 0), (1, 0), (0, 1)], [(1, 0), (1, 1), (0, 1)]], np.float32)
     image = np.random.default_rng(5).random((6, 6, 3)).astype(np.float32)
@@ -133,7 +133,7 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
     ],
 )
 def test_mip_levels_are_dropped_exactly_where_none_is_visible(rule, bias):
-    """Against brute force: the image with levels and without."""
+    """Whether levels are visible is found by brute force: by drawing with and without them."""
     scales = [0.5, 0.7, 0.72, 0.99, 1.0, 1.01, 1.4, 1.42, 2.0]
     scenes = [_squares(scale) for scale in scales]
     size = {"height": HEIGHT, "width": HEIGHT, "coverage": sr.Hard(samples=1)}
@@ -189,7 +189,7 @@ def test_unused_textures_and_opaque_alpha_are_dropped():
 
 
 def _with_random_effects(seed: int) -> tuple[sr.Scene, sr.Filter]:
-    """A scene in which each effect may be present, and may be visible or not."""
+    """A scene in which each effect is present at random, and then visible or not at random."""
     rng = np.random.default_rng(seed)
 
     def flip() -> bool:

@@ -1,4 +1,4 @@
-"""`pad` to size classes: no bit changes, and scenes of many sizes share few programs."""
+"""`pad` to size classes changes no bit of an image; scenes of many sizes share few programs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -111,7 +111,7 @@ def test_second_order_products_of_padding_are_zero(mode):
         draw = lambda x: jnp.sum(sr.render(replace(scene, positions=x), plan) ** 2)  # noqa: E731
         return jax.grad(draw)(positions)
 
-    # Steps of the padding itself must not matter either.
+    # The direction moves the padding too, which must not matter either.
     step = jnp.ones_like(scene.positions)
     gradients, product = jax.jit(lambda x: jax.jvp(gradient, (x,), (step,)))(scene.positions)
     assert np.isfinite(gradients).all() and np.isfinite(product).all()
@@ -119,7 +119,7 @@ def test_second_order_products_of_padding_are_zero(mode):
 
 
 def test_padding_is_invisible_even_if_its_vertex_moves():
-    """Padding uses vertex 0, which an optimizer may move onto a sample."""
+    """Padding triangles are at vertex 0, which an optimizer may move onto a sample."""
     scene = _scene(1)
     padded = sr.pad(replace(scene, positions=jnp.full((3, 2), 4.25, jnp.float32)))
     for coverage in (sr.Hard(samples=4), sr.Soft(8.0), sr.Area()):
@@ -156,7 +156,7 @@ def test_an_empty_scene_stays_and_a_traced_one_is_refused():
 
 
 def _random_sizes(renders: int, gradients: int, seed: int) -> None:
-    """Renders and gradients of soups with 100 to 2,000 triangles, a plan made for each."""
+    """Render soups of 100 to 2,000 triangles, and their gradients, with a plan for each."""
     rng = np.random.default_rng(seed)
     gradient = jax.jit(jax.grad(_brightness))
     for number in range(renders):
@@ -194,7 +194,7 @@ def test_fits_of_similar_size_share_programs(count_compilations, monkeypatch):
 
 @pytest.mark.slow
 def test_a_hundred_sizes_compile_twelve_programs_at_most(count_compilations):
-    """And use hardly more memory and maps than the first of them."""
+    """All sizes together use hardly more memory, and memory maps, than the first ones."""
     with count_compilations() as compiled:
         _random_sizes(100, 25, seed=0)
         assert len(compiled) <= 12, compiled.names

@@ -39,7 +39,7 @@ def close_figures():
 
 
 def drawn(figure):
-    """The pixels of a figure, `[height, width, 4]` bytes."""
+    """The pixels of a Matplotlib figure, `[height, width, 4]` bytes."""
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())
 
@@ -58,7 +58,7 @@ class TestShow:
         shot = drawn(plot.show(steps).figure)[..., 0]
         row = shot[shot.shape[0] // 2]
         widths = np.diff(np.flatnonzero(np.diff(row.astype(int))))
-        # The frame covers a dot of the pixels at the ends.
+        # The frame of the plot covers a part of the pixels at both ends.
         inner = widths[widths > 2][1:-1]
         assert len(set(inner.tolist())) == 1
 
@@ -228,7 +228,7 @@ class TestStrips:
         figure = plot.film_strip([IMAGE, IMAGE[::2], IMAGE], titles=["a", "b", "c"], columns=2)
         assert [axes.get_title() for axes in figure.axes] == ["a", "b", "c"]
         boxes = [axes.get_position() for axes in figure.axes]
-        # Those of another shape are centred in cells of one size.
+        # Images of other shapes are centred in cells of one size.
         middle = [(box.y0 + box.y1) / 2 for box in boxes]
         assert middle[0] == pytest.approx(middle[1])
         assert boxes[2].y1 < boxes[0].y0

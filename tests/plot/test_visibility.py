@@ -27,7 +27,7 @@ def close_figures():
 
 
 def panels(figure):
-    """The array of the last image of each panel, by the title."""
+    """The array of the last image in each panel of a figure, by the panel's title."""
     return {axes.get_title(): np.asarray(axes.get_images()[-1].get_array()) for axes in figure.axes}
 
 
@@ -37,10 +37,10 @@ def test_neighbouring_numbers_have_colours_far_apart():
     flat = colors.reshape(-1, 3)
     for step in range(1, 5):
         assert np.linalg.norm(flat[step:] - flat[:-step], axis=1).min() > 0.2
-    # All of the first 100 differ by what a reader may still see.
+    # Any two of the first 100 colours differ by an amount that is just visible.
     distances = [np.abs(a - b).max() for a, b in itertools.combinations(flat[:100], 2)]
     assert min(distances) > 0.02
-    # None is as neutral as the background.
+    # No colour is as close to grey as the background.
     assert np.ptp(flat, axis=1).min() > 0.15
 
 

@@ -1,4 +1,4 @@
-"""Images under `Soft` and `Area` against loops over triangles and pixels, and their derivatives."""
+"""Images under `Soft` and `Area` equal loops over triangles and pixels; derivatives are right."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def image_of(scene: sr.Scene, plan: sr.Plan):
 
 
 def orient(corners: np.ndarray) -> tuple[np.ndarray, float]:
-    """Positively oriented corners, and the sign of their orientation before."""
+    """The corners in positive orientation, and the sign of the orientation before."""
     (x1, y1), (x2, y2) = corners[1] - corners[0], corners[2] - corners[0]
     return (corners, 1.0) if x1 * y2 - y1 * x2 > 0 else (corners[[0, 2, 1]], -1.0)
 
@@ -197,7 +197,7 @@ SMOOTH = {
 
 @pytest.mark.parametrize("name", [slowly(name) for name in SMOOTH])
 def test_tangents_equal_differences_of_the_image(name, float64):
-    """By every input together. These images have no jumps, so that differences exist."""
+    """All inputs move together. These images have no jumps, so finite differences exist."""
     coverage, kind = SMOOTH[name]
     scene = random_scene(kind, dtype=np.float64, triangles=5)
     plan = plan_of(scene, coverage)
@@ -217,7 +217,7 @@ def test_tangents_equal_differences_of_the_image(name, float64):
         for sign in (1, -1)
     )
     difference = np.asarray(ahead - behind) / (2 * step)
-    # Derivatives jump where the level of detail or the nearest edge changes: rarely within a step.
+    # Derivatives jump where the level of detail or the nearest edge changes, rarely within a step.
     error = np.abs(np.asarray(tangent) - difference)
     assert np.quantile(error, 0.98) < 1e-5 * np.abs(difference).max()
 
@@ -244,7 +244,7 @@ def test_the_sum_of_a_tiling_is_its_supersampled_limit():
     fine = image_of(scene, plan_of(scene, sr.Hard(256)))
     image = image_of(scene, plan_of(scene, sr.Area("sum")))
     assert np.abs(np.asarray(image) - np.asarray(fine)).max() < 0.03
-    # "over" lets the background through at seams.
+    # Compositing "over" lets the background show through at seams.
     seams = image_of(scene, plan_of(scene, sr.Area()))
     assert np.abs(np.asarray(seams) - np.asarray(fine)).max() > 0.1
 
@@ -258,7 +258,7 @@ def gradient_of(scene, plan, weights):
 
 def test_area_gradient_is_exact_without_overlap():
     scene = grid_mesh()
-    # Every other triangle of the tiling, drawn together so that none share a pixel.
+    # Every other triangle of the tiling is shrunk, so that no two share a pixel.
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)][:16:2]
     corners = 0.4 * corners + 0.6 * corners.mean(1, keepdims=True)
     apart = sr.Scene.from_soup(corners, np.asarray(scene.colors)[:16:2, 0])
@@ -302,7 +302,7 @@ def test_another_width_compiles_nothing(count_compilations):
 
 @pytest.mark.slow
 def test_a_triangle_smaller_than_a_pixel_has_a_gradient_towards_its_goal():
-    # Between the centres of two pixels: it must move from one to the other.
+    # The triangle lies between the centres of two pixels, and must move to one of them.
     corners = np.array([[[5.8, 5.4], [6.0, 5.5], [5.9, 5.6]]], np.float32)
     scene = sr.Scene.from_soup(corners, [[0.0, 0.0, 0.0]])
     goal = jnp.ones((SIZE, SIZE, 3)).at[5, 6].set(0.0)

@@ -1,4 +1,4 @@
-"""Batches of scenes: large and small, nested, with shared inputs, and with other plans."""
+"""Batches of scenes equal loops: large, small and nested ones, with shared inputs, other plans."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,14 +22,14 @@ from ..cases.products import stack
 def scenes_and_plan(
     mode: str, size: int, count: int = 2, dtype: type = np.float64, **options: Any
 ) -> tuple[list[sr.Scene], sr.Plan]:
-    """Seeded scenes, and a plan for all of them on a canvas of this size."""
+    """Seeded scenes of a mode, and a plan for all of them on a canvas of `size` x `size` pixels."""
     scenes = [scene_of(MODES[mode].effects, dtype, seed=seed) for seed in range(count)]
     coverage = MODES[mode].coverage
     return scenes, sr.plan(scenes, height=size, width=size, coverage=coverage, **options)
 
 
 def loop_of(function: Callable[[Any], Any], batch: Batch) -> Any:
-    """The results of a function of the floats of each scene, stacked."""
+    """Apply a function to the floats of one scene after another, and stack the results."""
     compiled = jax.jit(function)
     return stack([compiled(floats) for floats, _ in batch.elements()])
 
@@ -66,7 +66,7 @@ def test_a_batch_of_batches_equals_a_loop(mode, size, float64):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode, size", [("hard", SIZE), ("soft", LARGE)])
 def test_scenes_that_share_all_but_positions(mode, size, float64):
-    """The gradient by what they share is the sum of the gradients of the scenes."""
+    """The gradient by the shared inputs is the sum of the gradients of the single scenes."""
     scenes, plan = scenes_and_plan(mode, size)
     moved = [replace(scenes[0], positions=scene.positions) for scene in scenes]
     axes = eqx.tree_at(

@@ -1,4 +1,4 @@
-"""What effects cost: `without` removes one effect at a time, and `price_effects` prices each."""
+"""The cost of effects: `without` removes one effect, and `price_effects` measures each one."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_without_removes_that_effect_alone(effect):
     assert set(plan.effects) == set(EFFECTS) - set(ANALYTIC)
     _, reduced = without_effect(scene, plan, effect)
     removed = set(plan.effects) - set(reduced.effects)
-    # Without textures there are no levels to choose from.
+    # Removing textures also removes their filters and mip levels.
     of_textures = {"mip levels", "bilinear filter", "anisotropic filter"}
     assert effect in removed
     assert removed - {effect} <= (of_textures if effect == "texture" else set())

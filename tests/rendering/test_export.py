@@ -1,4 +1,4 @@
-"""Programs for accelerators that are not at hand: they lower, without callbacks to the host."""
+"""Programs can be lowered for accelerators that are not present, without callbacks to the host."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ PLATFORMS = ("cuda", "tpu")
     ],
 )
 def test_images_and_gradients_lower_for_accelerators(name):
-    """The programs of both are built as for these platforms; nothing is compiled."""
+    """Programs are only lowered for these platforms, not compiled."""
     mode = MODES[name]
     scene = scene_of(mode.effects)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=mode.coverage)

@@ -1,4 +1,4 @@
-"""Layers put together by `composite` are what `render` draws, and so are pixels shaded once."""
+"""Layers that `composite` puts together give the image and the gradient of `render`."""
 
 from dataclasses import replace
 
@@ -11,13 +11,13 @@ import pytest
 import softras2d as sr
 
 HEIGHT, WIDTH, COUNT = 20, 24, 8
-"""All triangles may overlap in one place: with as many layers none is left out."""
+"""Size of the canvas in pixels, and the number of triangles. As many layers leave out none."""
 
 
 def scene_of(
     *, alpha: bool, depth: bool = False, clear: bool = False, dtype: type = np.float32
 ) -> sr.Scene:
-    """Triangles with corner colours in perspective, one of them thin."""
+    """A scene of `COUNT` triangles with corner colours in perspective, one of them thin."""
     rng = np.random.default_rng(3)
     corners = rng.uniform(0, 22, (COUNT, 1, 2)) + rng.normal(size=(COUNT, 3, 2)) * 5
     corners[2] = [(3, 2), (3.05, 18), (3.02, 10)]
@@ -31,7 +31,7 @@ def scene_of(
 
 
 def colors_at(scene: sr.Scene):
-    """The scene's own colours, as a function of triangle and weights."""
+    """The scene's colours, as a function of triangle indices and weights, for `composite`."""
     return lambda triangle, weights: jnp.einsum("nk,nkc->nc", weights, scene.colors[triangle])
 
 
@@ -57,7 +57,7 @@ CASES = [
 @pytest.mark.slow
 @pytest.mark.parametrize("coverage, effects", CASES)
 def test_composite_is_render(coverage, effects, float64):
-    """Image and gradient by every float; that of hard mode has the boundary term of `render`."""
+    """The image and the gradient by every float are equal, including hard mode's boundary term."""
     scene = scene_of(**effects, dtype=np.float64)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
     np.testing.assert_allclose(draw_layers(scene, plan), sr.render(scene, plan), atol=1e-12)
@@ -71,7 +71,11 @@ def test_composite_is_render(coverage, effects, float64):
 
 @pytest.mark.slow
 def test_translucent_colours_show_what_an_opaque_scene_hides(float64):
-    """The topmost triangle hides whole tiles in the scene's colours, but not in those given."""
+    """Layers keep the triangles that an opaque triangle of the scene hides.
+
+    In the scene's colours, the topmost triangle hides all others in many tiles. The colours given
+    to `composite` are translucent and show them.
+    """
     scene = scene_of(alpha=True, dtype=np.float64)
     hiding = np.asarray(scene.positions).copy()
     hiding[-3:] = [(-30, -30), (70, -20), (-20, 70)]
@@ -93,7 +97,7 @@ def test_translucent_colours_show_what_an_opaque_scene_hides(float64):
 
 @pytest.mark.slow
 def test_an_array_of_layers_approaches_the_gradient_of_the_function():
-    """Its colours are half a sample off the edge, so that the error falls with the distance."""
+    """An array has colours at samples, half a sample off edges: more samples lower the error."""
     scene = scene_of(alpha=True)
     thick = np.asarray(scene.positions).copy()
     thick[6:9] = [(3, 2), (9, 18), (14, 10)]
@@ -111,7 +115,7 @@ def test_an_array_of_layers_approaches_the_gradient_of_the_function():
 
 
 def test_fewer_layers_leave_out_the_deepest():
-    """Three opaque triangles: the topmost hides the others, and of two layers it is the first."""
+    """Of three equal triangles, two layers hold the two drawn last, the topmost first."""
     corners = np.array([[(0, 0), (20, 0), (0, 20)]] * 3, np.float32)
     scene = sr.Scene.from_soup(corners, np.eye(3))
     for coverage in (sr.Soft(0.5), sr.Area()):
@@ -128,7 +132,7 @@ def test_fewer_layers_leave_out_the_deepest():
 
 @pytest.mark.slow
 def test_buffers_of_pixel_shading_are_those_of_render():
-    """Each pixel is shaded where `render` shades it, and differs from shading by sample."""
+    """`resolve` shades each pixel at the point where `render` does. Shading by sample differs."""
     scene = scene_of(alpha=False)
     hard = sr.Hard(16, shading="pixel")
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=hard)
@@ -145,7 +149,10 @@ def test_buffers_of_pixel_shading_are_those_of_render():
 
 
 def test_a_shade_without_a_derivative_at_zero_weights_spoils_nothing():
-    """Weights of the background are those of a point in a triangle."""
+    """Gradients are finite although the norm of zero weights has no derivative.
+
+    `shade` gets the weights of a point in a triangle for background samples too.
+    """
     scene = replace(scene_of(alpha=False), inverse_w=None)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))
 

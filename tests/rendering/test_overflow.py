@@ -1,4 +1,4 @@
-"""A scene that exceeds its plan under `jit`: an error, and NaN, also in derivatives alone."""
+"""A scene that exceeds its plan under `jit` gives an error or NaN, even in derivatives alone."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def test_tangents_raise():
 
 @pytest.mark.parametrize("overflow", [False, True])
 def test_derivatives_are_nan_in_both_directions(overflow):
-    """For every float and any weight of the pixels; without overflow no bit changes."""
+    """Derivatives by all floats are NaN, for any pixel weights; without overflow no bit changes."""
     leaves = [jnp.arange(6.0).reshape(3, 2), jnp.ones(4)]
 
     def image_of(leaves):
@@ -84,7 +84,7 @@ def test_derivatives_are_nan_in_both_directions(overflow):
 
 @pytest.fixture
 def complaints(monkeypatch):
-    """The messages that compiled programs raise, one for each time."""
+    """A list of the error messages that compiled programs raise."""
     messages = []
 
     complain = overflow.overflow_message
@@ -135,10 +135,10 @@ def test_only_the_scenes_that_outgrow_their_plan_are_nan():
 
 @pytest.mark.slow
 def test_buffers_and_composited_layers_of_an_outgrown_plan_are_nan():
-    """Also under `jit`, where the flag is known only when the program runs."""
+    """This holds under `jit` too, where the overflow is known only when the program runs."""
     scene, plan = too_large_for_plan(sr.Hard(4))
     plan = replace(plan, on_overflow="nan")
-    # Layers need no lists but those of pairs, which hold these triangles unless they go far.
+    # Layers need only lists of pairs, which are long enough until the triangles grow.
     scene = replace(scene, positions=scene.positions * 20)
 
     @jax.jit

@@ -1,4 +1,4 @@
-"""Properties of every image: the oracle's samples, translation, permutation, cropping, order."""
+"""Images of any triangles equal the oracle's, and are consistent when moved, cropped, reordered."""
 
 import functools
 
@@ -15,10 +15,10 @@ from ..cases.scenes import COUNT, SIZES, assert_same_counts, colors_of, vast
 from ..oracles.coverage import Canvas, draw
 
 CHOSEN = 8
-"""Number of triangles that a property chooses; the others lie off the canvas, to share programs."""
+"""Number of triangles that hypothesis chooses. Others lie off the canvas, to share programs."""
 
 OFF_CANVAS = -1.0
-"""Coordinate off any canvas, at which triangles without area cover nothing."""
+"""A coordinate off any canvas: triangles with all corners there cover nothing."""
 
 HEIGHT, WIDTH = SIZES[4]
 COLORS = colors_of(COUNT)
@@ -26,7 +26,7 @@ BLACK = np.zeros(3, np.float32)
 
 
 def _coordinate(low: int, high: int) -> st.SearchStrategy[float]:
-    """Floats, sixteenths (which include every sample of rate 4 or 8), and halves."""
+    """Any floats, sixteenths (which include all samples at rates 4 and 8), and halves."""
     return st.one_of(
         st.floats(low, high, width=32, allow_subnormal=False),
         st.integers(low * 16, high * 16).map(lambda n: n / 16),
@@ -47,7 +47,7 @@ def _soup(margin: int, coordinate=_coordinate) -> st.SearchStrategy[np.ndarray]:
 
 
 def _sixteenths(low: int, high: int) -> st.SearchStrategy[float]:
-    """Exact on the grid of any canvas here, also after moving by whole pixels."""
+    """Sixteenths are exact on the vertex grid of any canvas here, even after moving by pixels."""
     return st.integers(low * 16, high * 16).map(lambda n: n / 16)
 
 
@@ -57,7 +57,7 @@ IN_BAND = max(HEIGHT, WIDTH) // 2
 
 @functools.cache
 def _plan(fill_rule: str, channels: int = 3, height: int = HEIGHT, width: int = WIDTH) -> sr.Plan:
-    """One program for all examples, planned for the largest triangles."""
+    """A plan for the largest triangles, so that all examples share one program."""
     on = Canvas(height, width)
     colors = colors_of(COUNT, channels)
     scenes = [sr.Scene.from_soup(soup, colors, background=BLACK) for soup in vast(on, COUNT)]
@@ -101,7 +101,7 @@ def test_moving_by_whole_pixels_moves_the_image(corners, dx, dy, fill_rule):
 
 
 def _overlap(shift: int, size: int) -> tuple[slice, slice]:
-    """The pixels that stay in view, before and after moving by `shift`."""
+    """The range of pixels that stays in view on moving by `shift`: before and after the move."""
     first, last = max(0, -shift), size - max(0, shift)
     return slice(first, last), slice(first + shift, last + shift)
 
@@ -116,9 +116,9 @@ def test_moving_a_scene_with_its_origin_changes_nothing(corners, x, y, fill_rule
 
 @given(_soup(0, _sixteenths), st.integers(0, WIDTH // 2), st.integers(0, HEIGHT // 2))
 def test_a_crop_is_a_render_with_an_origin(corners, x, y):
-    """On sixteenths, which the coarser grid of the larger canvas represents too."""
+    """Corners are multiples of 1/16, which the coarser grid of the larger canvas represents too."""
     small = Canvas(HEIGHT // 2, WIDTH // 2, origin=(x, y))
-    # Triangles of the whole canvas may leave the band of the crop; those inside must agree.
+    # Triangles may leave the smaller band of the crop. Only the others are drawn.
     low, high = small.band()
     crop = corners - np.array([x, y], np.float32)
     in_band = ((crop >= low) & (crop <= high)).all(axis=(1, 2))[:, None, None]
@@ -131,7 +131,7 @@ def test_a_crop_is_a_render_with_an_origin(corners, x, y):
 
 @given(_soup(2), st.integers(0, CHOSEN - 1), RULES)
 def test_a_triangle_drawn_twice_in_a_row_shows_once(corners, index, fill_rule):
-    """Opaque colours do not add: a copy below, of another colour, is never visible."""
+    """A copy of an opaque triangle right below it, in another colour, is never visible."""
     plan = _plan(fill_rule)
     index = max(index, 1)
     below = corners.copy()
@@ -190,7 +190,7 @@ def _plan_beyond_the_band() -> sr.Plan:
 
 @given(st.lists(HUGE, min_size=6 * CHOSEN, max_size=6 * CHOSEN))
 def test_any_finite_corners_are_drawn(values):
-    """No coordinate is refused, and every pixel is in 0..1."""
+    """No coordinate is refused, and all values of the image are in 0..1."""
     corners = np.array(values, np.float32).reshape(CHOSEN, 3, 2)
     image = _render(corners, _plan_beyond_the_band())
     assert np.isfinite(image).all()

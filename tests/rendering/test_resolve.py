@@ -1,4 +1,4 @@
-"""`resolve`: image and gradient of the caller's own values, against `render` and quadrature."""
+"""`resolve` gives the image and gradient of `render` or of quadrature for values of the caller."""
 
 from dataclasses import replace
 from typing import Any
@@ -28,13 +28,13 @@ SIZE = 20
 
 
 def assert_close_gradients(gradient: sr.Scene, expected: sr.Scene, rtol: float = 5e-6) -> None:
-    """Assert that every float's gradient is equal, relative to the largest of its field."""
+    """Assert that the gradients by all floats are close, relative to the largest of each field."""
     assert np.abs(expected.positions).max() > 0
     pairs = zip(
         jax.tree_util.tree_leaves_with_path(gradient), jax.tree.leaves(expected), strict=True
     )
     for (path, values), wanted in pairs:
-        # By (u, v) it is zero for the filter "nearest", and must be so exactly.
+        # For the filter "nearest", the gradient by (u, v) is zero, and must be exactly zero.
         atol = rtol * float(np.abs(wanted).max())
         name = jax.tree_util.keystr(path)
         np.testing.assert_allclose(values, wanted, atol=atol, err_msg=name)
@@ -54,7 +54,7 @@ EVERYTHING: dict[str, Any] = {"depth": True, "perspective": True}
     ],
 )
 def test_image_and_gradient_equal_those_of_render(options, sampler):
-    """By every float of the scene, with slivers, triangles across the border, and crossings."""
+    """All floats of the scene count. It has slivers, triangles on the border, and crossings."""
     soups = [with_slivers(soup_of(seed, **options), ON.height, ON.width) for seed in range(2)]
     plan = plan_of(scene_of(soups[0], sampler), ON, sampler)
     for soup in soups:
@@ -67,7 +67,7 @@ def test_image_and_gradient_equal_those_of_render(options, sampler):
 
 
 def rectangles(*boxes: tuple[float, float, float, float]) -> np.ndarray:
-    """Boxes (left, top, right, bottom) as two triangles each, `[2 * boxes, 3, 2]`."""
+    """Two triangles for each box (left, top, right, bottom): corners `[2 * boxes, 3, 2]`."""
     corners = []
     for left, top, right, bottom in boxes:
         a, b, c, d = (left, top), (right, top), (right, bottom), (left, bottom)
@@ -82,7 +82,10 @@ def plan_for_hard(scene: sr.Scene, samples: int = 16, **options: Any) -> sr.Plan
 
 @pytest.mark.slow
 def test_an_array_has_nearly_the_gradient_of_the_function():
-    """But for colours half a sample off the edge, and for the tips of triangles, which are thin."""
+    """The gradients differ because an array has colours at samples, half a sample off an edge.
+
+    They also differ at the thin tips of triangles, which no sample shows.
+    """
     corners = rectangles((3.3, 4.1, 14.2, 13.7), (8.6, 7.2, 16.9, 17.3))
     colors = np.random.default_rng(0).random((4, 3, 3))
     colors[1::2, :2] = colors[::2, [0, 2]]
@@ -100,7 +103,10 @@ def test_an_array_has_nearly_the_gradient_of_the_function():
 
 @pytest.mark.slow
 def test_an_array_has_no_gradient_next_to_colours_that_no_sample_shows():
-    """At 4 samples they lie at 0.25 and 0.75: a strip between them, and an edge at the border."""
+    """At 4 samples per pixel, samples lie at 0.25 and 0.75.
+
+    The scene has a strip between samples, and an edge between the border and the first samples.
+    """
     scene = sr.Scene.from_soup(
         rectangles((0.1, 4.0, 6.0, 9.0), (12.3, 2.0, 12.6, 16.0)),
         np.random.default_rng(0).random((4, 3, 3)).astype(np.float32),
@@ -111,7 +117,7 @@ def test_an_array_has_no_gradient_next_to_colours_that_no_sample_shows():
     _, expected = image_and_gradient(resolve_scene, scene, plan, weight)
     is_left = np.asarray(scene.positions[:6, 0]) == np.float32(0.1)
     across = [np.asarray(one.positions)[:, 0] for one in (gradient, expected)]
-    # The strip's triangles are 6..11; the left side's interior term, of 24 samples, is not small.
+    # The strip has vertices 6 to 11.
     assert not across[0][6:].any()
     assert np.abs(across[1][6:]).max() > 1
     assert np.abs((across[0] - across[1])[:6][is_left]).max() > 0.5
@@ -124,14 +130,14 @@ def cosine(first: Any, second: Any) -> float:
 
 
 def smooth_scene(seed: int = 0, dtype: type = np.float32, **optional: Any) -> sr.Scene:
-    """Triangles of some pixels with corner colours, across the border too."""
+    """Triangles of some pixels in corner colours, some of them across the border."""
     rng = np.random.default_rng(seed)
     corners = rng.random((8, 1, 2)) * SIZE + rng.normal(size=(8, 3, 2)) * 5
     return sr.Scene.from_soup(corners.astype(dtype), rng.random((8, 3, 3)), **optional)
 
 
 def network_loss(scene: sr.Scene, plan: sr.Plan, weight: Any) -> Any:
-    """The weighted sum of an image whose colours a network computes."""
+    """A function of positions and parameters: the weighted sum of an image by a neural network."""
 
     def loss(positions: Any, parameters: Any) -> Any:
         moved = replace(scene, positions=positions)
@@ -184,7 +190,7 @@ def mask(scene: sr.Scene) -> Any:
 
 
 def depth(scene: sr.Scene) -> Any:
-    """A function for `resolve` that is the depth."""
+    """A function for `resolve` that returns the depth."""
 
     def shade(triangle: Any, weights: Any) -> Any:
         assert scene.depth is not None
@@ -197,7 +203,7 @@ def depth(scene: sr.Scene) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize("value", [mask, depth])
 def test_gradient_of_masks_and_depth_images_equals_the_quadrature(value):
-    """Planes that are tilted, but too far apart to cross."""
+    """The triangles are tilted, but too far apart in depth to cross."""
     far = np.random.default_rng(2).permutation(8)[:, None]
     tilt = np.random.default_rng(3).random((8, 3)) * (0 if value is mask else 0.4)
     corner_depth = (far + tilt).astype(np.float32)
@@ -211,7 +217,7 @@ def test_gradient_of_masks_and_depth_images_equals_the_quadrature(value):
         return jnp.sum(weight * sr.resolve(sr.rasterize(moved, plan), value(moved), background))
 
     gradient, by_depth = jax.jit(jax.grad(loss, (0, 1)))(scene.positions, scene.depth)
-    # For the order alone, one depth for each triangle is as good.
+    # Quadrature needs depth for the order alone, so one depth for each triangle is enough.
     untilted = replace(scene, depth=jnp.asarray(np.repeat(far, 3, 1).reshape(-1), jnp.float32))
 
     def shade(index: int, weights: np.ndarray) -> np.ndarray:
@@ -238,7 +244,7 @@ def test_gradient_of_masks_and_depth_images_equals_the_quadrature(value):
 
 @pytest.mark.slow
 def test_derivatives_of_every_kind_agree(float64):
-    """jvp and vjp, jit and eager, a batch and a loop; second derivatives are finite."""
+    """jvp equals vjp, jit equals eager, a batch equals a loop; second derivatives are finite."""
     scenes = [smooth_scene(seed, np.float64) for seed in range(2)]
     plan = sr.plan(scenes, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     weight = random_weight(plan).astype(jnp.float64)
@@ -270,7 +276,7 @@ def test_derivatives_of_every_kind_agree(float64):
 
 @pytest.mark.slow
 def test_memory_of_forward_and_gradient_is_bounded():
-    """All samples of 512 px at 256 a pixel, with three weights each, would be 0.8 GB alone."""
+    """The three weights at all samples, 256 per pixel on 512 x 512 pixels, would take 0.8 GB."""
     soup = soup_of(0, texels=None, depth=True)
     scene = scene_of(replace(soup, corners=soup.corners * np.float32(18)))
     plan = sr.plan(scene, height=512, width=512, coverage=sr.Hard(256))

@@ -1,4 +1,4 @@
-"""What `resolve` refuses, and buffers of a scene that outgrows its plan."""
+"""`resolve` refuses invalid arguments; a scene that exceeds its plan gives an error, or NaN."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tiles under `Soft` and `Area`: their side is chosen by the triangles, and changes no image."""
+"""Under `Soft` and `Area`, the scene decides the side of tiles, which changes no image."""
 
 from dataclasses import replace
 
@@ -16,7 +16,10 @@ SLOW = pytest.mark.slow
 
 
 def drawn_with_side(side, monkeypatch, scene, coverage, goal):
-    """Image, gradient of half its squared distance to a goal, and a tangent, for a tile side."""
+    """The image, the gradient of half its squared distance to a goal, and a tangent.
+
+    All are computed with tiles of `side` x `side` pixels.
+    """
     monkeypatch.setattr(tile_side, "SIDES", (side,))
     planned = plan_of(scene, coverage)
     assert planned.tiling.width == side
@@ -67,5 +70,5 @@ def test_tiles_are_small_where_triangles_are():
         corners = rng.random((count, 1, 2)) * 256 + rng.normal(size=(count, 3, 2)) * size
         scene = sr.Scene.from_soup(corners.astype(np.float32), rng.random((count, 1, 3)))
         sides[count] = sr.plan(scene, height=256, width=256, coverage=sr.Area()).side
-    # Seven triangles are not worth another program.
+    # Drawing seven triangles faster is not worth another program.
     assert sides == {4_000: 4, 400: 8, 7: 8}

@@ -1,4 +1,4 @@
-"""Visibility buffers against the oracle: which triangle shows, and where in it each sample lies."""
+"""Visibility buffers equal the oracle: the visible triangles, their weights, depth and overdraw."""
 
 from dataclasses import replace
 from typing import Any
@@ -41,7 +41,7 @@ def assert_shows(
 ) -> None:
     """Assert that every buffer equals the oracle's.
 
-    - `depth_margin`: samples at which two different depths are closer are left out.
+    - `depth_margin`: samples at which two different depths are closer than this are left out.
     - `certain`: the samples to compare, by default all.
     """
     is_compared = (expected.depth_margin == 0) | (expected.depth_margin > depth_margin)
@@ -75,7 +75,7 @@ def assert_shows(
     ],
 )
 def test_indices_and_weights_equal_the_oracle(rate, fill_rule):
-    """Large, small, thin and degenerate triangles, on samples, beside and across the canvas."""
+    """Triangles are large, small, thin or without area, on samples, beside or across the canvas."""
     on = scenes.canvas(rate, fill_rule)
     colors = scenes.colors_of(scenes.COUNT)
     soups = [Soup(corners, colors, BLACK) for corners in scenes.cases(on).values()]
@@ -87,7 +87,7 @@ def test_indices_and_weights_equal_the_oracle(rate, fill_rule):
 
 
 def with_equal_depths(soup: Soup) -> Soup:
-    """One of three depths for each triangle: at nearly every sample, several are equal."""
+    """The soup with one of three depths for each triangle, so that depths tie at most samples."""
     depth = np.random.default_rng(0).integers(0, 3, (len(soup.corners), 1)) / 4
     return replace(soup, depth=np.repeat(depth, 3, 1).astype(np.float32))
 
@@ -104,7 +104,7 @@ def with_equal_depths(soup: Soup) -> Soup:
     ],
 )
 def test_layers_with_depth_and_perspective_equal_the_oracle(layers, options):
-    """Triangles that cross in depth, and triangles of equal depth, of which the later wins."""
+    """Some triangles cross in depth. Others have equal depth, and the later one wins."""
     on = replace(ON, origin=(7, -5))
     soups = [soup_of(seed, texels=None, **options) for seed in range(2)]
     soups = [
@@ -164,7 +164,7 @@ def test_a_window_equals_the_oracle_and_that_part_of_the_canvas():
 
 
 def far_soup(seed: int, on: Canvas, canvases: float) -> Soup:
-    """Triangles of about so many canvases in size, some with one corner on the canvas."""
+    """Triangles about `canvases` canvases in size, some with one corner on the canvas."""
     soup = soup_of(seed, on=on, texels=None, depth=True)
     rng = np.random.default_rng(seed)
     side = max(on.height, on.width)
@@ -176,7 +176,7 @@ def far_soup(seed: int, on: Canvas, canvases: float) -> Soup:
 @pytest.mark.slow
 @pytest.mark.parametrize("capacity", ["scene", "worst_case"])
 def test_far_triangles_equal_the_oracle(capacity):
-    """A plan for the worst case need not have seen them."""
+    """With `capacity="worst_case"`, a plan made for another scene fits them."""
     soups = [far_soup(seed, ON, size) for seed, size in enumerate((3.0, 30.0, 300.0))]
     drawn = [scene_of(soup) for soup in soups]
     plan = sr.plan(
@@ -187,7 +187,7 @@ def test_far_triangles_equal_the_oracle(capacity):
         capacity=capacity,
     )
     for soup, scene in zip(soups, drawn, strict=True):
-        # Past the guard band, edges are exact to two units of the grid, and depths to roundings.
+        # Past the guard band, edges are exact to two grid units, and depths up to rounding.
         near: list[np.ndarray] = [
             near_an_edge(triangle, ON) for triangle in snap(soup.corners, ON, anywhere=True)
         ]
@@ -228,7 +228,10 @@ def test_shared_vertices_and_interpolated_attributes_equal_the_oracle():
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1.0, slowly(0.5)])
 def test_layers_and_overdraw_count_what_opaque_triangles_hide(alpha):
-    """Each covers all tiles of a canvas on which the lists leave out what is hidden in a tile."""
+    """All triangles cover the canvas, and tiles must list even the hidden ones.
+
+    For `render`, lists may leave out triangles that an opaque one hides.
+    """
     corners = np.array([[(-9, -9), (300, -9), (-9, 300)]] * 60, np.float32)
     colors = np.full((60, 4), [0.2, 0.4, 0.6, 1.0], np.float32)
     colors[58, 3] = alpha

@@ -1,4 +1,4 @@
-"""The bundled scenes: their files, their structure, and the properties that they demonstrate."""
+"""The bundled scenes have their files and structure, and the properties that they demonstrate."""
 
 import math
 import xml.etree.ElementTree as ElementTree
@@ -54,7 +54,7 @@ def test_made_files_are_what_the_script_writes(name):
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_pictures_are_what_the_script_draws(name):
-    # Pixels are compared, since the compression may change with the library.
+    # Pixels are compared instead of files, since compression may change with the library.
     drawn = PICTURES[name]()
     stored = sr.read_image(FOLDER / "textures" / f"{name}.png")
     assert stored.shape[:2] == drawn.shape[:2]
@@ -84,7 +84,7 @@ def test_scenes_are_read_without_a_warning(name):
 
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_scripted_scenes_fit_the_canvas_that_is_asked_for(name):
-    """They fill its height; a wider canvas shows more at the sides."""
+    """Scripted scenes fill the height of a canvas; a wider canvas shows more at the sides."""
     scene, wide = scenes.read(name), scenes.read(name, width=2 * SIZE)
     moved = np.asarray(scene.positions) + np.array([SIZE / 2, 0])
     np.testing.assert_allclose(wide.positions, moved, rtol=1e-5, atol=1e-3)
@@ -118,7 +118,7 @@ def texels_per_pixel(name: str) -> np.ndarray:
 
 
 def test_textured_scenes_have_the_footprints_they_are_meant_for():
-    """In texels per pixel."""
+    """Each textured scene has the footprints, in texels per pixel, that it should demonstrate."""
     minified = texels_per_pixel("minified")
     np.testing.assert_allclose(minified[:, 0], minified[:, 1], rtol=1e-2)
     assert minified.min() < 2.6 and minified.max() > 42
@@ -142,14 +142,14 @@ def test_the_zone_plate_alternates_at_its_border():
 def test_the_ground_is_cut_at_the_near_plane_and_reaches_the_horizon(width):
     scene = scenes.read("ground", width=width)
     positions, depth = np.asarray(scene.positions), np.asarray(scene.depth)
-    # Of 7 strips of two triangles the first is cut, one of its triangles into two.
+    # There are 7 strips of two triangles. The near plane cuts one triangle of the first in two.
     assert len(scene.triangles) == 15
     assert (depth == 0).sum() == 3 and depth.max() < 1
     assert np.abs(positions).max() < 20_000
-    # The gaze falls by atan(0.3): the horizon lies that far above the middle.
+    # The camera looks down by atan(0.3), so the horizon lies above the middle by this angle.
     horizon = SIZE / 2 * (1 - 0.3 / np.tan(np.radians(29)))
     assert 0 < positions[:, 1].min() - horizon < 0.15
-    # Wide enough: from its left border to its right one at every height, and at the bottom.
+    # Below the horizon, the ground reaches from the left border of the canvas to the right one.
     corners = positions[np.asarray(scene.triangles)]
     for y in np.linspace(positions[:, 1].min() + 0.01, SIZE, 200):
         x = [_crossings(corner, y) for corner in corners]
@@ -157,7 +157,7 @@ def test_the_ground_is_cut_at_the_near_plane_and_reaches_the_horizon(width):
 
 
 def _crossings(corner: np.ndarray, y: float) -> list[float]:
-    """x where the edges of a triangle meet a horizontal line."""
+    """The x at which the edges of a triangle meet a horizontal line."""
     return [
         a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
         for a, b in zip(corner, np.roll(corner, -1, axis=0), strict=True)
@@ -190,8 +190,12 @@ def test_the_mesh_tiles_the_canvas():
 
 
 def samples_on_edges(corners: np.ndarray, rate: int) -> int:
-    """How many (edge of `[n, 3, 2]`, row of samples) have a sample exactly on the edge."""
-    # In Python's integers, of 2^-30 px. Sample i lies at (2i + 1) / (2 rate).
+    """How many pairs of an edge and a row of samples have a sample exactly on the edge.
+
+    `corners`: `[n, 3, 2]` in pixels.
+    """
+    # Python's integers hold coordinates in units of 1 / (2^31 rate) px, in which sample i lies at
+    # (2 i + 1) 2^30.
     exact = [[[int(v * 2**31 * rate) for v in point] for point in t] for t in corners.tolist()]
     count = 0
     for triangle in exact:
@@ -208,7 +212,7 @@ def samples_on_edges(corners: np.ndarray, rate: int) -> int:
 
 @pytest.mark.parametrize("rate", [1, 2, 3, 4, 8, 16])
 def test_no_edge_of_the_glass_meets_a_sample(rate):
-    # Under the inclusive rule a sample on a shared edge would be blended twice.
+    # Under the fill rule `inclusive`, a sample on a shared edge would be blended twice.
     scene = scenes.read("glass")
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     panes = corners[np.asarray(scene.colors)[:, 0, 3] < 1]
@@ -220,7 +224,7 @@ def test_the_glass_shows_no_seam():
     scene = scenes.read("glass")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=1))
     image = np.asarray(sr.render(scene, plan))
-    # Background, stripe and moon, bare and through each of four tints; a seam would be another.
+    # Background, stripe and moon show bare and through four tints. A seam would add a colour.
     assert len(np.unique(image.reshape(-1, 3).round(4), axis=0)) == 3 + 3 * 4
 
 

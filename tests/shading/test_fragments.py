@@ -1,4 +1,4 @@
-"""Fragments, pairs of a triangle and a pixel that shows it: their count on host and device."""
+"""Fragments, pairs of a triangle and a pixel that shows it, are counted on host and device."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def _scene(seed: int, depth: bool, radius: float = 20.0) -> sr.Scene:
     return sr.Scene.from_soup(
         np.clip(corners, -15, 55).astype(np.float32),
         rng.random((COUNT, 3, 3)).astype(np.float32),
-        # Depths that differ by far more than a rounding, so that every order is the same.
+        # Depths differ by far more than a rounding, so host and device sort them alike.
         depth=np.repeat(rng.permutation(COUNT)[:, None], 3, 1).astype(np.float32)
         if depth
         else None,
@@ -27,7 +27,7 @@ def _scene(seed: int, depth: bool, radius: float = 20.0) -> sr.Scene:
 
 
 def _expected(scene: sr.Scene, canvas: Canvas) -> int:
-    """The count, by painting triangle numbers sample by sample, the nearest last."""
+    """The number of fragments, by painting triangle numbers at every sample, the nearest last."""
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     order = np.arange(COUNT)
     if scene.depth is not None:
@@ -52,7 +52,7 @@ def test_counts_on_host_and_device_cover_the_visible_pixels(rate, depth):
     for scene in scenes:
         wanted = _expected(scene, Canvas(HEIGHT, WIDTH, rate))
         counted = count_sampled_lists(scene, plan.grid, hard, np.zeros(2, np.int32))
-        # The host counts all pixels of a tile that one triangle covers, also beyond the canvas.
+        # If a triangle covers a tile, the host counts all its pixels, even off the canvas.
         spare = plan.tiling.count * plan.tiling.height * plan.tiling.width - HEIGHT * WIDTH
         assert wanted <= counted.fragments <= wanted + spare
         assert int(_render(scene, plan)[1].fragments) == wanted
@@ -73,7 +73,7 @@ def test_too_many_fragments_are_reported():
 
 @pytest.mark.slow
 def test_a_plan_counts_all_of_several_surfaces_in_one_plane():
-    """Rounding decides which of them is visible, and differs by device."""
+    """Rounding decides which of the surfaces is visible, and may differ between devices."""
 
     def depth(points: np.ndarray) -> np.ndarray:
         return 0.25 + (3 * points[..., 0] + 5 * points[..., 1]) / 4096

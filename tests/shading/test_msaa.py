@@ -89,7 +89,7 @@ def test_at_one_sample_per_pixel_both_shadings_are_equal():
 
 
 def test_equal_corner_colours_draw_flat_triangles():
-    """Also with white textures, and at every kind of edge."""
+    """This holds with white textures too, and at every kind of edge."""
     soup = soup_of(5, background=3)
     colors = np.repeat(soup.colors[:, :1], 3, axis=1)
     images = [np.ones_like(image) for image in images_of()]
@@ -131,7 +131,7 @@ def test_corner_colours_are_not_extrapolated(seed):
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_texture_coordinates_stay_on_the_triangle(seed):
-    """uv within 0..1/2 of a texture that is white there and black beyond: all white."""
+    """All pixels are white: uv lie within 0..1/2, where the texture is white, and black beyond."""
     rng = np.random.default_rng(seed)
     soup = soup_of(0)
     corners = rng.uniform(0, 1, soup.corners.shape) * [28, 24]

@@ -1,4 +1,4 @@
-"""Perspective-correct colours and texture coordinates through `inverse_w`."""
+"""Colours and texture coordinates are perspective-correct in scenes with `inverse_w`."""
 
 from dataclasses import replace
 from typing import Any
@@ -40,7 +40,7 @@ EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
     ],
 )
 def test_equals_the_oracle(options, sampler):
-    """Depth is interpolated in screen space, colours and uv in object space."""
+    """Depth is interpolated in screen space, and colours and uv in object space."""
     for seed in (0, 1, 2):
         soup = soup_of(seed, **options)
         expected = draw(soup, ON, sampler)
@@ -73,9 +73,9 @@ def test_scale_of_w_does_not_matter():
 
 @pytest.mark.slow
 def test_probes_do_not_change_an_untextured_scene():
-    """Colours were once added up over the probes, so that three probes were three times as bright.
+    """Image and gradient do not depend on the number of probes.
 
-    The gradient was too.
+    Colours were once added up over the probes, so that three probes were three times as bright.
     """
     scene = scene_of(soup_of(10, texels=None, **EVERYTHING))
     results = []
@@ -92,7 +92,7 @@ def test_probes_do_not_change_an_untextured_scene():
 
 
 def test_colours_stay_between_the_corners_under_extreme_w():
-    """A horizon: one corner a million times farther than the others."""
+    """One corner is a million times farther than the others, as at a horizon."""
     soup = soup_of(9, **EVERYTHING)
     inverse_w = np.array(soup.inverse_w)
     inverse_w[:, 1] = 1e-6

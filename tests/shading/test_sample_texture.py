@@ -1,4 +1,4 @@
-"""`sample_texture` against the texture oracle, and its gradient against differences."""
+"""`sample_texture` equals the texture oracle, and its gradient equals finite differences."""
 
 from typing import Any
 
@@ -39,7 +39,10 @@ def build(sampler: Sampler, channels: int, dtype: Any = np.float32) -> sr.Textur
 
 
 def points_of(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(u, v) beyond 0..1, footprints from much less than a texel to the image, texture indices."""
+    """Seeded points: (u, v) beyond 0..1, footprints, and texture indices.
+
+    Footprints range from much less than a texel to the whole image.
+    """
     rng = np.random.default_rng(seed)
     uv = rng.uniform(-1.2, 2.2, (POINTS, 2))
     size = 2.0 ** rng.uniform(-7, 1, (POINTS, 1, 1))
@@ -52,7 +55,7 @@ def points_of(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def expected_texels(
     sampler: Sampler, channels: int, uv: np.ndarray, footprint: np.ndarray, index: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Texels and margins by the oracle; 1 for points without texture."""
+    """Texels and margins by the oracle; texels are 1 for points without a texture."""
     texels, margin = np.ones((POINTS, 4)), np.full(POINTS, np.inf)
     for number, image in enumerate(images_of(channels)):
         chosen = index == number
@@ -71,7 +74,7 @@ def test_texels_equal_the_oracle(sampler, channels):
         build(sampler, channels), uv, footprint, filter_of(sampler), texture_index=index
     )
     expected, margin = expected_texels(sampler, channels, uv, footprint, index)
-    # The ratio of the axes decides the number of probes, and is uncertain for a near circle.
+    # Rounding may change the number of probes where the ratio of the axes is near a jump.
     certain = margin > 2e-3
     assert certain.mean() > 0.95
     np.testing.assert_allclose(np.asarray(texels)[certain], expected[certain], atol=1e-5)
@@ -99,7 +102,7 @@ def test_leading_axes_one_index_and_defaults():
     ],
 )
 def test_derivatives_equal_differences(sampler, float64):
-    """By (u, v), footprint and texels, each alone."""
+    """Derivatives are compared by (u, v), footprint and texels, one at a time."""
     textures = build(sampler, 3, np.float64)
     uv, footprint, index = points_of(1)
     filter = filter_of(sampler)
@@ -123,7 +126,7 @@ def test_derivatives_equal_differences(sampler, float64):
     step = 1e-7
     _, margin = expected_texels(sampler, 3, uv, footprint, index)
     for name, value in arguments.items():
-        # An empty footprint is a kink.
+        # The lookup is not differentiable at an empty footprint.
         random = rng.normal(size=value.shape)
         random = np.where(value == 0, 0, random) if name == "footprint" else random
         direction = {key: jnp.zeros(entry.shape) for key, entry in arguments.items()}

@@ -1,4 +1,7 @@
-"""Vertex attributes in hard scenes: finite, within a stated error, and independent."""
+"""Images and derivatives of hard scenes with vertex attributes are finite and accurate.
+
+A triangle with a NaN corner does not affect the derivatives of others.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +37,7 @@ def test_errors_are_within_those_stated(mode, name):
 @SLOW
 @pytest.mark.parametrize("mode", ["soft", "area"])
 def test_a_nan_corner_changes_no_other_triangles_gradient(mode):
-    """Gradients have the same bits as in the scene whose triangle lies off the canvas instead."""
+    """The other gradients have the same bits as if the triangle were off the canvas."""
     off_canvas = with_attributes()
     off_canvas.corners[NOT_FINITE] += 1e5
     weight = jnp.asarray(np.random.default_rng(9).normal(size=(SIZE, SIZE, 3)), jnp.float32)

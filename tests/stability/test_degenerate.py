@@ -1,4 +1,4 @@
-"""Derivatives of triangles without area: jvp = vjp, bounded, and continuous under collapse."""
+"""Derivatives of triangles without area: jvp equals vjp, with bounded and continuous values."""
 
 import functools
 from typing import Any
@@ -42,7 +42,7 @@ SHADED_SUM = pytest.param("sum, shaded", marks=SLOW)
 
 @pytest.mark.parametrize("mode", ["soft logistic", "area", SHADED_SUM])
 def test_a_triangle_collapses_without_a_jump(mode):
-    """Both orientations have one limit, the derivative of the triangle without area."""
+    """The derivatives in both orientations have one limit: that at the triangle without area."""
     for row in collapse(mode):
         assert row["value"] < 2e-5, row
         close = 0.03 if row["case"] == "by the origin" else 0.15
@@ -52,7 +52,7 @@ def test_a_triangle_collapses_without_a_jump(mode):
 
 
 def test_a_segment_has_a_gradient_at_its_ends_alone():
-    """It is the derivative of the distance to the segment, wherever the middle corner lies."""
+    """The gradient is that of the distance to the segment, wherever its middle corner lies."""
     coverage, effects = MODES["soft logistic"]
     scene, plan = scene_of(effects), plan_of(coverage, effects)
     (corners,) = corners_of_kind("third between", random=1)[-1:]
@@ -91,7 +91,7 @@ def _plan(effects: str, temperature: float) -> sr.Plan:
 @pytest.mark.parametrize("temperature", [0.01, pytest.param(1e-6, marks=SLOW)])
 @pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW) for name in EXTREMES])
 def test_jvp_equals_vjp_for_depth_and_colors_of_any_size(name, temperature):
-    """The loss is linear, since squares of such colours overflow."""
+    """The loss is linear in the image, since squares of such colours would overflow."""
     effects, depth, color = EXTREMES[name]
     scene = scene_of(effects, depth=depth, color=color)
     rng = np.random.default_rng(2)
@@ -109,5 +109,5 @@ def test_jvp_equals_vjp_for_depth_and_colors_of_any_size(name, temperature):
     forward = float((tangent * weight).sum())
     assert forward == pytest.approx(backward, abs=1e-4 * float(np.abs(tangent * weight).sum()))
     if color == 1:
-        # A triangle that fills a pixel alone does not change it more for being deeper.
+        # However deep a triangle is, it cannot change a pixel more than by its colour.
         assert np.abs(result.gradient.positions).max() < 100

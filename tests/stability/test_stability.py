@@ -1,6 +1,6 @@
-"""Numerically hard scenes: finite, and within a stated error of float64.
+"""Images and derivatives of numerically hard scenes are finite, and close to float64.
 
-`python -m experiments.stability.run` measures the same and prints the table.
+`python -m experiments.stability.run` makes the same measurements and prints the table.
 """
 
 from typing import Any
@@ -19,11 +19,11 @@ QUICK = ("soft", "area")
 """Modes that are tested in the quick run."""
 
 LONG = ("one pixel", "1000 layers")
-"""Cases that need programs of their own, and are left to the slow run."""
+"""Cases that need separate programs, and are left to the slow run."""
 
 
 def parameter(mode: str, case: str) -> Any:
-    """A mode and a case; others than the quick ones are left to the slow run."""
+    """A test parameter of a mode and a case, left to the slow run unless it is quick."""
     marks = [] if mode in QUICK and case not in LONG else [pytest.mark.slow]
     return pytest.param(mode, case, marks=marks, id=f"{mode}-{case}")
 
@@ -39,14 +39,14 @@ def test_errors_are_within_those_stated(mode, name):
 
 
 def marked(modes: Any) -> list[Any]:
-    """The modes; those not in `QUICK` are left to the slow run."""
+    """Test parameters of modes. Modes that are not in `QUICK` are left to the slow run."""
     return [m if m in QUICK else pytest.param(m, marks=pytest.mark.slow) for m in modes]
 
 
 @pytest.mark.parametrize("shift", [1_000, 100_000])
 @pytest.mark.parametrize("mode", marked(MODES))
 def test_moving_a_scene_with_its_origin_changes_only_roundings(mode, shift):
-    """No bit changes where float32 represents the vertices; else they are rounded."""
+    """No bit changes if float32 represents the moved vertices. Otherwise, errors are roundings."""
     assert moved(mode, shift, on_grid=True)[1]
     errors, _ = moved(mode, shift, on_grid=False)
     assert np.isfinite(errors).all()

@@ -1,4 +1,4 @@
-"""The pytest plugin, in the test suite of a user: written, matched and missed references."""
+"""The pytest plugin writes and compares references in the test suite of a user."""
 
 import sys
 
@@ -19,7 +19,7 @@ def test_picture(assert_image_matches):
 @pytest.fixture
 def suite(pytester, monkeypatch):
     """Write a test whose image is a grey value, and run it with some options."""
-    # Otherwise Python could run the compiled file of a version written in the same second.
+    # Otherwise Python could run the cached bytecode of a file that was changed within a second.
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     pytester.makeconftest('pytest_plugins = ["softras2d.testing.plugin"]')
     folder = pytester.mkdir("rendering")

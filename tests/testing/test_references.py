@@ -1,4 +1,4 @@
-"""`assert_image_matches`: references that are written, matched, missed and missing."""
+"""`assert_image_matches` writes references, accepts equal images, and reports all others."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ IMAGE = np.random.default_rng(0).random((12, 13, 3)).astype(np.float32)
 
 @pytest.fixture
 def reference(tmp_path):
-    """A reference of `IMAGE`, in a folder that `update` makes."""
+    """The path of a reference for `IMAGE`, in a folder that `update` makes."""
     path = tmp_path / "references" / "a.png"
     assert_image_matches(IMAGE, path, update=True)
     return path

@@ -1,4 +1,4 @@
-"""Anisotropic probes: equality with the oracle, sharpness, and finite derivatives."""
+"""Anisotropic filtering equals the oracle, is sharp, and has finite derivatives."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_probes_equal_the_oracle_in_float32(most):
 
 
 def _stripes(turned: bool = False) -> Soup:
-    """Black and white stripes two texels wide, minified only along their length, on 24 x 2 px."""
+    """Black and white stripes two texels wide on 24 x 2 px, minified only along their length."""
     image = np.tile(np.array([0.0, 0.0, 1.0, 1.0]), 8)[None, :, None] * np.ones((16, 1, 3))
     square = np.array([[(0, 0), (1, 0), (0, 1)], [(1, 1), (0, 1), (1, 0)]], np.float32)
     corners = square * np.array([24, 2], np.float32)
@@ -77,7 +77,7 @@ def test_stretched_stripes_stay_sharp(turned):
 
 @pytest.mark.slow
 def test_derivatives_are_finite_for_any_footprint():
-    """An empty footprint, a needle, a circle, and a texture of one texel."""
+    """Footprints are empty, needles and circles, and one texture has a single texel."""
     soup = soup_of(5)
     uv, corners = np.array(soup.uv), np.array(soup.corners)
     uv[0::4] = uv[0::4, :1]
@@ -95,7 +95,7 @@ def test_derivatives_are_finite_for_any_footprint():
 
 @pytest.mark.slow
 def test_a_horizon_beside_the_triangle_gives_finite_derivatives():
-    """1/w is zero at a sample beside the triangle, which must not count."""
+    """At a sample beside the triangle 1 / w is zero, which must not affect any derivative."""
     soup = soup_of(6, perspective=True, colors=(3, 4), texels=4)
     corners, inverse_w = np.full_like(soup.corners, -1.0), np.ones_like(soup.corners[..., 0])
     for index, x in enumerate((8.75, 9.25, 10.25, 11.25)):

@@ -1,4 +1,4 @@
-"""Filtered textures against the oracle, for every pixel filter, level rule, border, addressing."""
+"""Filtered textures equal the oracle for all pixel filters, level rules, borders, addressings."""
 
 from dataclasses import replace
 from itertools import product
@@ -32,13 +32,13 @@ QUICK = {
     ("nearest", "linear", "repeat", "corners"),
     ("bilinear", "linear", "clamp", "half_texel"),
 }
-"""Two combinations that include both pixel filters, borders and addressings."""
+"""Two combinations that include both pixel filters, both borders and both addressings."""
 
 ALWAYS = QUICK | {
     ("nearest", "zero", "repeat", "half_texel"),
     ("bilinear", "nearest", "repeat", "corners"),
 }
-"""Few combinations that include every level rule too."""
+"""A few combinations that include every level rule too."""
 
 ALL = list(product(PIXELS, LEVELS, BORDERS, ADDRESSINGS))
 """All combinations. The slow run draws every other one, and some in float64."""
@@ -78,7 +78,7 @@ def test_filters_equal_the_oracle(pixel, level, border, addressing):
     ],
 )
 def test_filters_equal_the_oracle_in_float64(pixel, level, border, addressing, float64):
-    """Closely, with uv far outside 0..1 and strong minification."""
+    """The tolerance is tight, with uv far outside 0..1 and strong minification."""
     _check(Sampler(pixel, level, border=border, addressing=addressing), dtype=np.float64)
 
 
@@ -100,7 +100,7 @@ def test_other_rates_equal_the_oracle(rate):
     ],
 )
 def test_texel_alpha_multiplies_colour_alpha(colors, texels, background):
-    """Texel alpha times colour alpha, over what was drawn before and the background."""
+    """The product of both alphas is composited over earlier triangles and the background."""
     _check(Sampler(), colors=colors, texels=texels, background=background)
 
 
@@ -131,14 +131,14 @@ def _texture(seed: int = 0) -> np.ndarray:
 
 @pytest.mark.slow
 def test_at_one_texel_per_pixel_the_image_is_drawn():
-    """Eight by sixteen texels on as many pixels, with uv from exactly 0 to 1."""
+    """8 x 16 texels on as many pixels, with uv from exactly 0 to 1, give the image itself."""
     image = _texture()
     drawn = render_soup(_quad(16, 8, 1, image), ON, Sampler("nearest", "nearest"))
     np.testing.assert_array_equal(drawn[:8, :16], image)
 
 
 def test_each_level_is_drawn_at_its_size():
-    """A texture on half and a quarter of its size shows the coarser levels, texel for texel."""
+    """A texture at half or a quarter of its size shows a coarser level, texel for texel."""
     image = _texture()
     for level, wanted in enumerate(chain(image)[:4]):
         soup = _quad(16 / 2**level, 8 / 2**level, 1, image)
@@ -148,7 +148,7 @@ def test_each_level_is_drawn_at_its_size():
 
 
 def test_a_repeated_texture_repeats_its_pixels():
-    """Each tile of a repeated texture has the same pixels, also at its seams."""
+    """Each copy of a repeated texture has the same pixels, even at its seams."""
     soup = _quad(24, 24, 3, _texture())
     for sampler in (
         Sampler("nearest", "zero", border="repeat"),
@@ -160,7 +160,7 @@ def test_a_repeated_texture_repeats_its_pixels():
 
 
 def test_uv_of_0_and_1_give_the_border_texels():
-    """All corners of a triangle at uv 0 or 1."""
+    """All corners of a triangle have uv of 0 or 1."""
     image = _texture()
     for u, v in product((0.0, 1.0), repeat=2):
         soup = _quad(20, 20, 0, image)

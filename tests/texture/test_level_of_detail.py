@@ -1,4 +1,4 @@
-"""Levels of detail: the bias, clamped levels, footprints without size, values and derivatives."""
+"""Levels of detail have the right values and derivatives, even if clamped or singular."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def test_another_bias_compiles_nothing(count_compilations):
     assert compiled.names == []
     for bias, image in images.items():
         assert_close(image, draw(soup, ON, replace(TRILINEAR, lod_bias=bias)), message=f"{bias}")
-    # What `plan` makes of `Filter(lod_bias=)` is the same.
+    # The option `Filter(lod_bias=)` gives the same image.
     given = render_soup(soup, ON, replace(TRILINEAR, lod_bias=1.25))
     np.testing.assert_array_equal(given, images[1.25])
 
@@ -53,7 +53,7 @@ def test_large_biases_select_the_first_and_the_last_level():
     "level, shading", [("linear", "sample"), ("nearest", "sample"), ("linear", "pixel")]
 )
 def test_levels_under_perspective_equal_the_oracle(level, shading, float64):
-    """The footprint differs from point to point, and uv reach far."""
+    """Under perspective, the footprint differs from point to point; uv reach far outside 0..1."""
     for seed in (0, 1):
         soup = soup_of(seed, perspective=True, reach=3)
         sampler = Sampler(level=level, lod_bias=-0.5)
@@ -63,7 +63,7 @@ def test_levels_under_perspective_equal_the_oracle(level, shading, float64):
 
 
 def test_constant_uv_select_level_zero_under_any_bias():
-    """As if there were no other level."""
+    """The image is the same as with the first level alone."""
     soup = soup_of(13)
     soup = replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1))
     flat = draw(soup, ON, Sampler(level="zero"))
@@ -80,10 +80,10 @@ def _derivatives(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.slow
 def test_derivatives_are_finite_where_the_level_is_singular():
-    """In one scene, as each program takes seconds, with one kind of singularity per triangle.
+    """One scene has one kind of singularity per triangle, as each program takes seconds to compile.
 
-    Constant uv; uv constant along one axis; a level clamped to the first; corners exactly at 0
-    and 1.
+    The kinds are constant uv, uv that are constant along one axis, a level clamped to the first,
+    and corners exactly at 0 and 1.
     """
     soup = soup_of(14)
     uv = np.array(soup.uv)
@@ -97,8 +97,8 @@ def test_derivatives_are_finite_where_the_level_is_singular():
     tangent, by_uv, by_bias = _derivatives(scene, plan)
     for derivative in (tangent, by_uv, by_bias):
         assert np.isfinite(derivative).all()
-    # Levels are clamped to the first or the last, where the bias changes nothing. The last has one
-    # texel, so that uv change nothing either, except constant ones, which select level zero.
+    # Levels are clamped to the first or the last, so the bias changes nothing. The last level has
+    # one texel, so uv change nothing either. Only constant uv do, since they select level zero.
     for bias in (-30.0, 30.0):
         tangent, by_uv, by_bias = _derivatives(scene, _biased(plan, bias))
         assert by_bias == 0
@@ -122,7 +122,7 @@ def test_derivatives_are_zero_for_one_texel_and_without_texture(dtype, float64):
 @pytest.mark.slow
 @DTYPES
 def test_derivatives_at_constant_uv_are_those_of_level_zero(dtype, float64):
-    """The level has derivative zero there; the point in the texture does not."""
+    """The level has derivative zero at constant uv, but the point in the texture moves."""
     soup = soup_of(16)
     scene = scene_of(replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1)), dtype=dtype)
     plain = _derivatives(scene, _biased(plan_of(scene, ON, TRILINEAR), -30.0))

@@ -1,4 +1,4 @@
-"""Pyramids: the mean of every level, the table of offsets, memory, and refused images."""
+"""Texture pyramids: all levels have the image's mean; table of offsets, memory, refused images."""
 
 from itertools import pairwise
 
@@ -17,7 +17,7 @@ def _image(height: int, width: int, channels: int = 3, seed: int = 0) -> np.ndar
 
 
 def _levels(pyramid: sr.TexturePyramid, texture: int = 0) -> list[np.ndarray]:
-    """The images of all levels of a texture, by the table of offsets."""
+    """The images of all levels of a texture, read through the table of offsets."""
     texels = np.asarray(pyramid.texels)
     images = []
     for offset, height, width in np.asarray(pyramid.levels)[texture]:
@@ -54,7 +54,7 @@ def test_odd_sizes_weigh_every_texel_equally(size, float64):
     matrix = np.stack(reduction, axis=1)
     np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=1e-14)
     np.testing.assert_allclose(matrix.sum(axis=0), (side // 2) / side, rtol=1e-14)
-    # A texel reaches only those that its footprint of side / (side // 2) overlaps.
+    # A texel of the next level weighs only the texels that its footprint overlaps.
     for row, weights in enumerate(matrix):
         touched = np.flatnonzero(weights)
         assert touched.min() >= 2 * row
@@ -85,7 +85,7 @@ def test_textures_of_any_sizes_share_one_array():
         levels = _levels(pyramid, texture)
         alpha = image[..., 3:] if image.shape[-1] == 4 else np.float32(1)
         np.testing.assert_array_equal(levels[0][..., :3], image[..., :3] * alpha)
-        # Shorter chains repeat their last level.
+        # Textures with fewer levels repeat their last one in the table.
         assert levels[-1].shape[:2] == (1, 1)
         for offset, height, width in {tuple(row) for row in np.asarray(pyramid.levels)[texture]}:
             used[offset : offset + height * width] += 1
@@ -111,7 +111,7 @@ def test_linear_decodes_before_averaging(float64):
     gray = np.full((1, 1, 3), 0.5)
     pyramid = sr.TexturePyramid.build([image, gray], linear=True)
     np.testing.assert_allclose(_levels(pyramid, 0)[1][0, 0], [0.25, 0.25, 0.25, 0.5])
-    # IEC 61966-2-1: one half of the signal is 21.4 % of the light.
+    # IEC 61966-2-1: 0.5 in sRGB is 0.214 in linear light.
     np.testing.assert_allclose(_levels(pyramid, 1)[0][0, 0, :3], 0.21404114048, rtol=1e-9)
 
 
@@ -156,6 +156,6 @@ def test_no_images_and_unknown_options_are_refused():
     with pytest.raises(ValueError, match="at least one"):
         sr.TexturePyramid.build([])
     for option in ({"border": "mirror"}, {"addressing": "gl"}):
-        # A `ValueError`; under run-time type checks those speak first.
+        # Users get a `ValueError`. In tests, run-time type checks may raise a `TypeError` first.
         with pytest.raises((ValueError, TypeError), match=next(iter(option))):
             sr.TexturePyramid.build([np.zeros((1, 1, 3))], **option)  # pyright: ignore

@@ -1,4 +1,4 @@
-"""Derivatives of textured scenes: against differences, adjoint, under jit and vmap, finite."""
+"""Derivatives of textured scenes equal differences, are adjoint, and are finite on hard scenes."""
 
 from dataclasses import replace
 from typing import Any
@@ -42,9 +42,10 @@ def _drawn(soup, sampler: Sampler = PLAIN, shading: str = "sample", dtype: Any =
 
 @pytest.mark.parametrize("options, sampler, shading", EFFECTS)
 def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading, float64):
-    """jvp along a seeded direction of each field and of all, and vjp by the dot-product test.
+    """The jvp is tested along a direction of each field and of all, the vjp by a dot product.
 
-    The derivative jumps where a sample is within a step of a texel's centre or of a level.
+    Differences are wrong where a sample is within a step of a texel's centre or of a level, as the
+    derivative jumps there.
     """
     soup = soup_of(21, reach=1, **options)
     scene, plan = _drawn(soup, sampler, shading)
@@ -67,7 +68,7 @@ def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading
 
 @pytest.mark.slow
 def test_tangent_by_the_bias_equals_differences(float64):
-    """Levels are blended, so that the image changes with the bias where they are not clamped."""
+    """Levels are blended, so the image changes smoothly with the bias unless they are clamped."""
     scene, plan = _drawn(soup_of(22, reach=2))
     _, tangent = forward(scene, plan, direction_of(scene, plan, names=(), bias=1))
     ends = []
@@ -109,7 +110,7 @@ def _table(scene: sr.Scene) -> np.ndarray:
 
 @pytest.mark.slow
 def test_gradients_reach_the_base_images(float64):
-    """Through `TexturePyramid.build` under jit, against the oracle's reduction of every level."""
+    """Gradients through `TexturePyramid.build` equal those by the oracle's reduction of levels."""
     soup = soup_of(24, reach=2)
     scene, plan = _drawn(soup)
     weight = weight_of(np.zeros((ON.height, ON.width, 3)))
@@ -127,7 +128,7 @@ def test_gradients_reach_the_base_images(float64):
     rng = np.random.default_rng(0)
     for index, image in enumerate(images):
         direction = rng.normal(size=image.shape)
-        # Levels are linear in the base image, where there is no alpha.
+        # Without alpha, all levels are linear in the base image.
         change = 0.0
         for row, level in enumerate(chain(direction)):
             offset, height, width = _table(scene)[index, row]
@@ -140,7 +141,7 @@ def test_gradients_reach_the_base_images(float64):
 
 @pytest.mark.slow
 def test_gradients_through_build_and_render_equal_their_chain(float64):
-    """One vjp with the pyramid built inside jit equals the chain of two."""
+    """One vjp through building and rendering equals the product of two separate ones."""
     soup = soup_of(24, reach=2, texels=4)
     scene, plan = _drawn(soup)
 
@@ -178,7 +179,7 @@ def test_a_batch_with_every_effect_equals_its_scenes():
 
 @pytest.mark.slow
 def test_derivatives_are_finite_on_hard_scenes():
-    """Zero area, slivers, constant uv, one texel, alpha 0, far corners."""
+    """Scenes have no area, slivers, constant uv, single texels, alpha 0 and far corners."""
     soup = soup_of(28, **ALL)
     corners, uv = np.array(soup.corners), np.array(soup.uv)
     corners[0:6, 2] = corners[0:6, 1]
@@ -210,7 +211,7 @@ def test_derivatives_are_finite_on_hard_scenes():
 
 
 def test_nan_uv_leave_other_gradients_finite(float64):
-    """With NaN in one triangle's uv, gradients by the others' colours and uv are finite."""
+    """With NaN in the uv of one triangle, gradients by other triangles' inputs are finite."""
     soup = soup_of(29)
     scene, plan = _drawn(soup)
     assert scene.uv is not None

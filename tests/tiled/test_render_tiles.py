@@ -1,4 +1,4 @@
-"""Windows have the pixels of the whole canvas, in memory and in files."""
+"""Windows of a tiled image have the pixels of the whole canvas, in memory and in files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -45,12 +45,12 @@ def test_windows_under_hard_equal_render_to_the_bit_and_so_do_files(name, tmp_pa
 
 
 def _recorder(reports: list[tuple[int, int]]) -> Callable[[int, int], None]:
-    """A function that appends what it is called with."""
+    """A progress function that appends its arguments to `reports`."""
     return lambda done, total: reports.append((done, total))
 
 
 def _check_interruption(scene: sr.Scene, plan: sr.TiledPlan, folder: Path) -> None:
-    """Ctrl-C leaves the old file, and no draft."""
+    """Check that Ctrl-C leaves the old file, and no draft."""
     before = sorted(folder.iterdir())
     for suffix in ("png", "tif", "exr"):
         path = folder / f"tiled.{suffix}"
@@ -78,7 +78,7 @@ def test_windows_of_analytic_coverage_equal_render_up_to_rounding(coverage):
 
 
 def test_windows_of_a_canvas_that_does_not_fit_equal_the_oracle():
-    """50,000 pixels a side, of which three windows are drawn."""
+    """The canvas has 50,000 pixels a side, and three of its windows are drawn."""
     rng = np.random.default_rng(5)
     side, tile, bits = 50_000, 64, 8
     plan_of = {"height": side, "width": side, "coverage": sr.Hard(4), "tile": 1024}

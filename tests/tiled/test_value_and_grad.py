@@ -1,4 +1,4 @@
-"""The sum of losses over windows, and its gradient, are those of the whole canvas."""
+"""The losses of all windows add up to the loss of the whole canvas, and so do the gradients."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def squared(image: Any, target: Any) -> Any:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_the_gradient_of_all_windows_is_that_of_the_canvas(name):
-    """Hard edges between two windows are counted too, thanks to the border."""
+    """Windows have a border, so hard edges between two windows are counted too."""
     coverage, effects = CASES[name]
     scene = scene_of(effects)
     target = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)

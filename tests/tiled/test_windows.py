@@ -1,4 +1,4 @@
-"""Which triangles each window of a canvas lists: no program is compiled."""
+"""Each window of a canvas lists the triangles whose box it meets, without compiling."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def test_lists_equal_a_loop_over_windows_and_triangles():
         expected = [
             index
             for index, ((x0, y0), (x1, y1)) in enumerate(zip(boxes.first, boxes.last, strict=True))
-            # Off the canvas nothing is listed, although windows reach beyond it.
+            # Triangles off the canvas are not listed, although windows reach beyond it.
             if x0 <= x1 and y0 <= y1 and x0 < 150 and y0 < 100
             if max(x0, 0) < window.x + 32 and x1 >= window.x
             if max(y0, 0) < window.y + 32 and y1 >= window.y

@@ -1,4 +1,4 @@
-"""A server of two drawings and an image, and a page of it in a real browser."""
+"""Fixtures: a server of two drawings and an image, and its page in a real browser."""
 
 import shutil
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two drawings, one with textures, and an image of the first that differs in one corner."""
+    """Two drawings, one with textures, and an image of the first with a changed corner."""
     folder = tmp_path_factory.mktemp("scenes")
     for name in ("squares", "stretched"):
         shutil.copy(scenes.path(name), folder)
@@ -52,7 +52,7 @@ def server(folder: Path) -> Iterator[ViewerServer]:
 
 @pytest.fixture
 def page(browser: Any, server: ViewerServer) -> Iterator[Any]:
-    """A page that shows the first drawing, and in which nothing may go wrong."""
+    """A page that shows the first drawing. Errors on the page fail the test."""
     page = browser.new_page(viewport=WINDOW)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -1,4 +1,4 @@
-"""The browser is sent to the secret address by a file that only this user can read."""
+"""A file that only this user can read sends the browser to the secret address of the viewer."""
 
 import html
 import re

@@ -1,4 +1,4 @@
-"""The exact value of a pixel, against means over a fine grid of points."""
+"""The exact value of a pixel is close to the mean over a fine grid of points."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from softras2d.viewing.exact_pixel import exact_pixel
 from ..cases.viewing import small_image
 
 POINTS = 400
-"""Points of the fine grid along a side of the pixel."""
+"""Number of points of the fine grid along a side of the pixel."""
 
 
 def mean_of_points(scene: sr.Scene, column: int, row: int) -> np.ndarray:
@@ -28,7 +28,7 @@ def mean_of_points(scene: sr.Scene, column: int, row: int) -> np.ndarray:
 
 
 def with_alpha(color: np.ndarray) -> np.ndarray:
-    """Premultiplied RGBA."""
+    """Convert RGB or straight RGBA to premultiplied RGBA."""
     alpha = color[..., 3:] if color.shape[-1] == 4 else np.ones_like(color[..., :1])
     return np.concatenate([color[..., :3] * alpha, alpha], axis=-1)
 

@@ -1,4 +1,4 @@
-"""The pixel inspector and the overlays, against the oracle and against `jax.grad`."""
+"""The pixel inspector and the overlays agree with the oracle and with `jax.grad`."""
 
 from typing import Any
 
@@ -184,7 +184,7 @@ def test_edges_are_the_triangles_in_view(session):
 
 @pytest.mark.parametrize("coverage", ["sampled", "area"])
 def test_tiles_list_the_triangles_that_touch_them(coverage):
-    # Translucent triangles hide none.
+    # Translucent triangles hide no others, so tiles list all that touch them.
     session = Session([SceneInMemory("glass", small_scene(channels=4), HEIGHT, WIDTH)])
     (reply,) = ask(session, "tiles", settings={"coverage": coverage, "samples": 1})
     facts = reply.header
@@ -200,7 +200,7 @@ def test_tiles_list_the_triangles_that_touch_them(coverage):
             footprint.inside
         )
         touching += inside.reshape(facts["rows"], height, -1, width).any(axis=(1, 3))
-    # A triangle may touch a tile and cover none of its samples.
+    # A listed triangle may touch a tile, but cover none of its samples.
     assert (lengths >= touching).all() and touching.max() >= 5
     assert (lengths - touching).mean() < 1
     assert facts["max"] == lengths.max()

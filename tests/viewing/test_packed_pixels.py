@@ -1,4 +1,4 @@
-"""Packed pictures hold the pixels that went in."""
+"""Packing and unpacking a picture gives the same pixels."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from ..cases.viewing import unpacked
 
 
 def picture(pixels: int, noise: float) -> np.ndarray:
-    """The RGBA of stripes of some pixels each, a share of which is replaced by noise."""
+    """RGBA pixels in stripes of one colour, a share of which is replaced by noise."""
     rng = np.random.default_rng(0)
     stripes = np.repeat(rng.integers(0, 256, (pixels // 50 + 1, 4)), 50, axis=0)[:pixels]
     is_noise = np.arange(pixels) < noise * pixels

@@ -1,4 +1,4 @@
-"""The page in a real browser: what it shows is what `render` draws, byte for byte."""
+"""In a real browser, the page shows what `render` draws, byte for byte."""
 
 import re
 
@@ -47,7 +47,7 @@ def test_texture_keys_change_what_is_drawn(page, folder):
     expected = drawn(folder, "stretched.svg", view_of(page), sr.Hard(1), filter)
     np.testing.assert_array_equal(shown[..., :3], expected)
     assert (shown != before).any()
-    # The costs of its effects are shown until another view is drawn.
+    # The page shows the costs of effects until another view is drawn.
     page.get_by_role("button", name="Measure what each costs").click()
     panel = page.locator(".sr-viewer")
     wait_for(lambda: re.search(r"texture\s*\S[0-9.]+ ms", panel.inner_text()), "a cost")
@@ -57,14 +57,14 @@ def test_texture_keys_change_what_is_drawn(page, folder):
 
 def test_wheel_and_drag_move_the_view(page, folder):
     before = view_of(page)
-    # Far from the middle, about which keys zoom.
+    # The pointer is far from the middle, since zooming by keys is about the middle.
     page.mouse.move(120, 430)
     page.mouse.wheel(0, -400)
     wait_for_picture(page)
     zoomed = view_of(page)
     assert zoomed["zoom"] > 1.5 * before["zoom"]
     scale = zoomed["zoom"] / before["zoom"]
-    # The point under the pointer stays, to the rounding of the view to whole pixels.
+    # The point under the pointer stays in place, up to rounding the view to whole pixels.
     box = page.locator(".sr-picture").bounding_box()
     for axis, pointer in (("x", 120), ("y", 430)):
         at = pointer - box[axis]
@@ -84,7 +84,7 @@ def test_wheel_and_drag_move_the_view(page, folder):
 
 def test_the_last_picture_moves_while_the_exact_one_is_drawn(page):
     before = canvas_of(page)
-    # Within the frame of the key, before any answer: the shown picture is the last one, moved.
+    # Within one frame of the key, before any answer, the page shows the last picture, moved.
     moved = page.evaluate("""() => new Promise((done) => {
         const viewer = document.querySelector(".sr-stage");
         viewer.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowLeft", bubbles: true}));
@@ -103,7 +103,7 @@ def test_the_inspector_shows_the_samples_of_the_oracle(page, folder):
     press(page, "-", "-", "z")
     lens = page.locator(".sr-lens")
     lens.wait_for(state="visible", timeout=180_000)
-    # To the corner of a square, where edges cross the pixel.
+    # Move to the corner of a square, where edges cross the pixel.
     press(page, *["ArrowRight"] * 3, *["ArrowDown"] * 2)
     view = view_of(page)
     column, row = view["width"] // 2 + 3, view["height"] // 2 + 2
@@ -130,7 +130,7 @@ def test_the_inspector_shows_the_samples_of_the_oracle(page, folder):
     rows = page.locator(".sr-lens tbody tr").all_inner_texts()
     first = max(expected)
     assert any(re.match(rf"\s*{first}\s+{len(expected[first])} / 4", text) for text in rows)
-    # The canvas holds the mean of the samples.
+    # The pixel on the page is the mean of the samples.
     value = np.array([sample["color"] for sample in report["samples"]]).mean(axis=0)
     assert np.abs(255 * value - canvas_of(page)[row, column, :3]).max() <= 0.51
     wait_for(lambda: "exact area" in lens.inner_text(), "the exact area")
@@ -243,7 +243,7 @@ def test_every_control_is_reached_by_the_keyboard(page):
     assert any(name.startswith("Samples per pixel") for name in names)
     assert "Compare with" in names
     for tag, name, is_visible, outline in seen:
-        # Radio buttons show their focus by the label beside them.
+        # The focus of radio buttons shows on the label beside them.
         if tag in ("BUTTON", "SELECT", "SUMMARY"):
             assert is_visible and outline == "solid", name
 

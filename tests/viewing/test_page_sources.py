@@ -1,4 +1,4 @@
-"""The page in a real browser: what it shows of files that change, of fits, and of its server."""
+"""In a real browser, the page follows changing files, running fits, and the end of its server."""
 
 import re
 import signal
@@ -92,7 +92,7 @@ def test_an_image_with_alpha_is_shown_as_it_was_sent(browser):
         page.close()
     assert len(np.unique(sent[..., 3])) > 5
     np.testing.assert_array_equal(shown[..., 3], sent[..., 3])
-    # A canvas keeps colours premultiplied, in bytes.
+    # A browser canvas stores colours premultiplied, in bytes, and so rounds them.
     alpha = sent[..., 3:] / 255
     assert np.abs(shown[..., :3] * alpha - sent[..., :3] * alpha).max() <= 1
 
@@ -156,7 +156,7 @@ def test_a_fit_is_watched(browser, tmp_path):
         wait_for(lambda: steps() > first, "more steps")
         wait_for_picture(page)
         assert len(np.unique(canvas_of(page).reshape(-1, 4), axis=0)) > 5
-        # Pages that are closed end nothing: the fit runs on, and another page shows it.
+        # Closing the page does not end the fit: it runs on, and another page shows it.
         reached = steps()
         page.close()
         page = browser.new_page(viewport=WINDOW)

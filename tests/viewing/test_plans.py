@@ -1,4 +1,4 @@
-"""A large canvas is first drawn with a tight plan; another thread compiles one with headroom."""
+"""A large canvas is drawn with a tight plan while another thread compiles a plan with headroom."""
 
 from collections.abc import Iterator
 
@@ -22,7 +22,7 @@ VIEW = View(0.5, -16, -12, 48, 64)
 
 
 def crowd(copies: int) -> sr.Scene:
-    """Copies of the small scene, one over another."""
+    """A scene of `copies` copies of the small scene, one over another."""
     scene = small_scene(channels=4)
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     return sr.Scene.from_soup(
@@ -32,7 +32,7 @@ def crowd(copies: int) -> sr.Scene:
 
 @pytest.fixture
 def artist(monkeypatch: pytest.MonkeyPatch) -> Iterator[Artist]:
-    """An artist for whom every canvas is large."""
+    """An `Artist` that treats every canvas as large."""
     monkeypatch.setattr(plans, "TIGHT_PLAN_PIXELS", 1)
     monkeypatch.setattr(draw, "TIGHT_PLAN_PIXELS", 1)
     artist = Artist()
@@ -43,7 +43,7 @@ def artist(monkeypatch: pytest.MonkeyPatch) -> Iterator[Artist]:
 def test_a_zoom_that_outgrows_the_tight_plan_uses_the_one_that_was_compiled(
     artist, count_compilations
 ):
-    # So many that their tiles list more than the least capacity of a plan at the larger zoom.
+    # The triangles are so many that lists of tiles exceed a plan's least capacity when zoomed in.
     scene = crowd(40)
     small = enlarge(scene, 0.5, 0.5)
     first = artist.draw(small, VIEW, SETTINGS)

@@ -1,4 +1,4 @@
-"""What a request may contain, and what is refused in one line."""
+"""Valid requests are read, and others are refused in one line."""
 
 import json
 

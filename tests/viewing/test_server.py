@@ -101,7 +101,7 @@ def test_nothing_listens_on_other_addresses(server):
                 connections.append(attempt.connect_ex(address))
     assert all(connections)
     with socket.socket() as attempt:
-        # Every address of 127.0.0.0/8 is this machine's on Linux.
+        # On Linux, every address of 127.0.0.0/8 belongs to this machine.
         attempt.settimeout(10)
         assert attempt.connect_ex(("127.0.0.2", server.port)) != 0
     with socket.socket() as attempt:
@@ -143,7 +143,7 @@ def test_a_long_message_ends_its_page_and_no_other(server, size):
         with open_socket(server) as page, pytest.raises(ConnectionClosed) as closed:
             page.send("x" * size)
             page.recv(20)
-        # A server that closes in the midst of a message may also just reset the connection.
+        # A server that closes in the middle of a message may also reset the connection.
         assert closed.value.rcvd is None or closed.value.rcvd.code == 1009
         assert ask(other, "subjects")[0]["kind"] == "subjects"
 
@@ -180,7 +180,7 @@ def test_the_page_loads_nothing_from_the_net():
         assert "https:" not in text and "@import" not in text, path
         for word in ("http:", "//unpkg", "//cdn"):
             found = [line for line in text.splitlines() if word in line]
-            # The name of a vocabulary, which nothing loads.
+            # This address names an XML vocabulary, and is never loaded.
             assert all("http://www.w3.org/2000/svg" in line for line in found), path
 
 

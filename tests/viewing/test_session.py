@@ -1,4 +1,4 @@
-"""Answers of a session: pictures equal those of `render`, and panning compiles nothing."""
+"""A session answers with the pictures that `render` draws, and panning compiles nothing."""
 
 import gc
 import gzip
@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_the_views():
     session = small_session()
 
     def look(steps: range) -> int:
-        """Bytes that are held after some views, none of which is kept by the caller."""
+        """The bytes of memory in use after drawing some views, which the caller does not keep."""
         for step in steps:
             view = VIEW | {"x": step % 7, "y": step % 5, "zoom": 1.5 * 1.01 ** (step % 9)}
             (reply,) = ask(session, "picture", view=view)
@@ -81,9 +81,8 @@ def test_memory_does_not_grow_with_the_views():
         held = [look(range(start, start + 40)) for start in range(40, 240, 40)]
     finally:
         tracemalloc.stop()
-    # Views that were kept would add their bytes in every round. A program that another thread
-    # compiles, for this session or for one of an earlier test, adds its own in one round alone.
-    # Two pictures are far less than the 40 of a round.
+    # If views were kept, memory would grow in every round, by 40 pictures. A program that another
+    # thread compiles, for this session or an earlier one, adds its bytes in one round alone.
     assert np.diff(held).min() < 2 * PICTURE_BYTES
 
 
@@ -99,7 +98,7 @@ def test_pictures_of_other_settings_equal_render(settings, coverage):
     (reply,) = ask(small_session(), "picture", settings=settings)
     expected = bytes_of(enlarge(small_scene(), 1.5, 1.5), VIEW, coverage)
     difference = np.abs(pixels_of(reply)[..., :3].astype(int) - expected.astype(int))
-    # Plans for wider edges have other tiles, in which sums are rounded in another order.
+    # The session's plan for wider edges has other tiles, so sums are rounded in another order.
     assert difference.max() <= (coverage == sr.Soft(1.7))
 
 
@@ -141,7 +140,7 @@ def test_the_levels_of_textures_lie_side_by_side():
     texels = np.zeros((4, 8, 3), np.float32)
     texels[:, :4] = 1
     shown = pyramid_image("textures", sr.TexturePyramid.build([texels]))
-    # Levels of 8 x 4, 4 x 2, 2 x 1 and 1 x 1 texels, a pixel apart.
+    # Levels with widths of 8, 4, 2 and 1 texels lie side by side, one pixel apart.
     assert shown.size() == (4, 8 + 4 + 2 + 1 + 3)
     pixels = shown.pixels(View(1.0, 0, 0, *shown.size()))
     assert pixels[0, :9].tolist() == [[255] * 4] * 4 + [[0, 0, 0, 255]] * 4 + [[0] * 4]
@@ -175,7 +174,7 @@ def test_what_is_not_drawn_becomes_a_note_and_no_warning(tmp_path):
         '<text>not drawn</text><rect width="4" height="5"/></svg>'
     )
     session = Session(open_files([path], ReadOptions()))
-    # Filters of warnings are shared by all threads, so that none may be issued and caught.
+    # All threads share Python's warning filters, so this code must issue no warning at all.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         session.subjects[0].scene_at(1.0)

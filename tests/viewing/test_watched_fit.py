@@ -1,4 +1,4 @@
-"""A fit that is watched ends as soon as no page waits for its last picture."""
+"""A fit that the viewer shows ends as soon as no page waits for its last picture."""
 
 import threading
 
@@ -13,13 +13,13 @@ from softras2d.viewing.watched_fit import WatchedFit
 from ..cases.viewing import HEIGHT, WIDTH, small_image, small_scene
 
 HOUR = 3600.0
-"""Longer than any test may take: a test that waits for it fails."""
+"""A number of seconds that is longer than any test may take."""
 
 RESULT = sr.FitResult(small_scene(), np.zeros((HEIGHT, WIDTH, 3), np.float32), 9.0, 0.5, (), {})
 
 
 class Finishing:
-    """A thread that calls `finish`."""
+    """A thread that calls `finish` of a fit."""
 
     def __init__(self, fit: WatchedFit):
         self._has_ended = threading.Event()
@@ -56,7 +56,7 @@ def test_a_fit_waits_until_its_end_is_told_and_its_last_scene_drawn(fit, session
     fit.scene_at(1.0)
     finishing = Finishing(fit)
     assert not finishing.has_ended(0.3)
-    # A request that came before the end may be answered with the last scene.
+    # The answer to a request from before the end may show the last scene.
     fit.scene_at(1.0)
     assert not finishing.has_ended(0.3)
     fit.fit_state()

@@ -1,4 +1,4 @@
-"""The notebook widget: its messages without a browser, and a real JupyterLab with one."""
+"""The notebook widget answers messages, and works in a real JupyterLab."""
 
 import base64
 import json
@@ -50,7 +50,7 @@ def test_messages_are_answered(widget, monkeypatch):
     content, (payload,) = answers.get(timeout=60)
     assert (content["owner"], content["id"]) == ("b", 2)
     assert len(payload) == 4 * VIEW["height"] * VIEW["width"]
-    # Neither a closed output nor nonsense ends the widget.
+    # Neither closing an output nor invalid messages end the widget.
     widget._receive(widget, {"kind": "closed", "owner": "b"}, [])
     widget._receive(widget, "nonsense", [])
     widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
@@ -91,7 +91,7 @@ def test_outputs_are_told_of_a_changed_file(tmp_path, monkeypatch):
     assert told["versions"][1] == 1 and "owner" not in told
     widget._receive(widget, {"kind": "subjects", "owner": "a"}, [])
     assert answers.get(timeout=60)["subjects"][0]["height"] == 20
-    # Without an output, nobody is told.
+    # Once the output is closed, a changed file sends no message.
     widget._receive(widget, {"kind": "closed", "owner": "a"}, [])
     sr.write_image(path, small_image()[:10])
     with pytest.raises(queue.Empty):
@@ -159,8 +159,8 @@ def lab(tmp_path: Path) -> Iterator[str]:
         assert address is not None
         yield f"{address.group()}/lab/tree/view.ipynb?token=viewer"
     finally:
-        # Asked to end, the server waits for kernels and pages, now and then for minutes. Its kernel
-        # ends without it.
+        # On a polite request to end, the server sometimes waits minutes for kernels and pages. Its
+        # kernel ends by itself.
         process.kill()
         process.wait(60)
 
@@ -183,7 +183,7 @@ def test_the_widget_in_jupyterlab(lab, tmp_path):
         wait_for_picture(page)
         before = canvas_of(page)
         assert len(np.unique(before.reshape(-1, 4), axis=0)) > 10
-        # Keys reach the widget, and not JupyterLab: in its command mode, x cuts the cell.
+        # Keys must reach the widget, not JupyterLab, whose command mode would cut the cell at x.
         for key in ("-", "-", "-", "x"):
             page.keyboard.press(key)
         wait_for_picture(page)

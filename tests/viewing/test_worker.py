@@ -1,4 +1,4 @@
-"""The thread that answers requests: urgency, and requests that were superseded."""
+"""The thread that answers requests takes urgent ones first, and drops superseded ones."""
 
 import threading
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Dashes by hand."""
+"""Dashes of open and closed lines, worked by hand."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_corners_stay_inside_of_dashes():
 
 def test_a_closed_chain_joins_its_ends():
     square = [[0, 0], [4, 0], [4, 4], [0, 4]]
-    # The last dash, from (2, 4) on, and the first one are in the same period only by chance.
+    # The last dash, which starts at (2, 4), continues in the first one, so both are joined.
     assert cut(square, (6, 4), closed=True) == [[[2, 4], [0, 4], [0, 0], [4, 0], [4, 2]]]
     joined = cut(square, (5, 1), offset=1, closed=True)
     assert joined == [[[1, 4], [0, 4], [0, 0], [4, 0]], [[4, 1], [4, 4], [2, 4]]]

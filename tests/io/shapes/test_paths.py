@@ -1,4 +1,4 @@
-"""Flattening: distances to exact curves, numbers of chords, arcs, and weights of control points."""
+"""Flattened curves are close to the exact ones with few chords; arcs, and control point weights."""
 
 from itertools import pairwise
 
@@ -27,7 +27,7 @@ def flat(text, tolerance, linear=None):
 
 
 def distances(points, chain):
-    """Distance of each point to a chain of segments."""
+    """Distance of each point to a polyline."""
     a, b = chain[:-1], chain[1:]
     edge = b - a
     squared = np.maximum((edge**2).sum(axis=1), 1e-300)
@@ -42,13 +42,13 @@ def test_no_curve_is_farther_than_the_tolerance(text, tolerance):
     coarse = flat(text, tolerance)
     farthest = distances(fine.points, coarse.points).max()
     assert farthest <= tolerance + 1e-4
-    # Not wasteful either: a fifth of the chords would not do.
+    # There are not too many chords either: with a fifth of them the error would be 25 times larger.
     assert len(coarse.points) < 4 or farthest > tolerance / 25
 
 
 @pytest.mark.parametrize("text", [CURVES["cubic"], CURVES["quadratic"], CURVES["arc"]])
 def test_chords_grow_with_the_root_of_precision(text):
-    """A chord's distance is quadratic in its length: a quarter of it takes twice the chords."""
+    """The error of a chord is quadratic in its length: a quarter of it takes twice the chords."""
     counts = [len(flat(text, tolerance).points) - 1 for tolerance in (0.04, 0.01, 0.0025)]
     for fewer, more in pairwise(counts):
         assert more == pytest.approx(2 * fewer, rel=0.1)
@@ -69,7 +69,7 @@ def test_points_are_their_weights_times_control_points():
     combined = np.einsum("nk,nkc->nc", result.weights, control[result.controls])
     np.testing.assert_allclose(combined[is_linear], result.points[is_linear], atol=1e-12)
     np.testing.assert_allclose(result.weights.sum(axis=1), 1.0)
-    # Only what lies inside of the arc is constant.
+    # Points inside the arc do not move with control points: they alone are constant.
     on_arc = np.hypot(*(result.points - [4, 3]).T) < 1.0 + 1e-9
     assert 2 < (~is_linear).sum() < len(result.points) / 2
     assert on_arc[~is_linear].any()

@@ -1,4 +1,4 @@
-"""Lines of pixels against the course's rule, applied step by step in float32."""
+"""Lines of pixels equal the course's rule, applied step by step in float32."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ COORDINATE = st.floats(-300, 300, width=32)
 
 
 def slow_line(x0, y0, x1, y1):
-    """The course's rule: pixels (x, y) in the order in which they are coloured."""
+    """The pixels (x, y) that the course's rule colours, in order."""
     x0, y0, x1, y1 = (np.float32(v) for v in (x0, y0, x1, y1))
     if x0 > x1:
         x0, y0, x1, y1 = x1, y1, x0, y0
@@ -57,10 +57,10 @@ def drawn(*segment, height=64, width=64):
         ((1.5, 2.5, 1.5, 4.5), [[1, 2, 2, 5]]),
         ((1.5, 4.5, 1.5, 2.5), [[1, 2, 2, 5]]),
         ((1.3, 1.3, 1.3, 1.3), [[1, 1, 2, 2]]),
-        # Upright lines go from the first point: 0.3, 1.3; the other way 2.1, 1.1.
+        # A vertical line steps from its first point: y is 0.3, 1.3; in reverse, 2.1, 1.1.
         ((0.5, 0.3, 0.5, 2.1), [[0, 0, 1, 2]]),
         ((0.5, 2.1, 0.5, 0.3), [[0, 1, 1, 3]]),
-        # It starts at the end point itself, and x may pass the other end within its pixel.
+        # Steps start exactly at an end point, and x may pass the other end within its pixel.
         ((0.9, 0.5, 2.1, 0.5), [[0, 0, 3, 1]]),
         ((0.0, 0.0, 3.0, 3.0), [[0, 0, 1, 1], [1, 1, 2, 2], [2, 2, 3, 3], [3, 3, 4, 4]]),
         ((0.5, 0.5, 4.5, 1.5), [[0, 0, 2, 1], [2, 1, 5, 2]]),
@@ -143,10 +143,11 @@ def test_endless_lines_are_not_stepped_from_end_to_end():
     of_short, of_endless = (
         count_calls(lambda lines=lines: pixel_lines(lines, 64, 64)) for lines in (short, endless)
     )
-    # Some 60 times as many; a call for each pixel would be a million times as many.
+    # A line without end takes some 60 times as many calls. A call for each pixel would be a million
+    # times as many.
     assert of_endless < 200 * of_short
     rectangles, _ = pixel_lines(endless, 64, 64)
     assert (rectangles >= 0).all() and (rectangles <= 64).all()
-    # Beyond 2^24 adding one does nothing: such a line never arrives.
+    # In float32, adding 1 beyond 2^24 changes nothing, so such a line never reaches the canvas.
     assert drawn(-1e9, 5.0, 1e9, 5.0).tolist() == []
     assert drawn(-1.6e7, 5.0, 1.6e7, 5.0).tolist() == [[0, 5, 64, 6]]

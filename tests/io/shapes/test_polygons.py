@@ -1,4 +1,4 @@
-"""Triangulation of polygons: areas by hand and by GEOS, and the course's ear clipping."""
+"""Triangulated polygons have their areas, by hand and by GEOS; ear clipping is the course's."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_areas_by_hand(points, size, translucent):
 
 @pytest.mark.parametrize("translucent", [False, True])
 def test_a_star_has_its_areas_under_both_rules(translucent):
-    # The pentagram on the unit circle: its outline, and the pentagon inside.
+    # The areas of a pentagram on the unit circle, and of the pentagon inside it.
     inner = np.sin(np.radians(18)) / np.cos(np.radians(36))
     outline = 5 * inner * np.sin(np.radians(36))
     pentagon = 2.5 * inner**2 * np.sin(np.radians(72))
@@ -60,7 +60,8 @@ def test_a_star_has_its_areas_under_both_rules(translucent):
 
 def test_a_contour_of_two_turns_under_both_rules():
     contour = np.concatenate([SQUARE, SQUARE * 0.5 + 1])
-    # Covered twice: the inner square, and left of it a triangle up to the crossing at (2/3, 2).
+    # Two regions are covered twice: the inner square, of area 4, and left of it a triangle, of area
+    # 1/3, up to the crossing at (2/3, 2).
     nonzero_area = area(fill(contour)).sum()
     assert area(fill(contour, evenodd=True)).sum() == pytest.approx(nonzero_area - 4 - 1 / 3)
 
@@ -94,7 +95,7 @@ def test_many_at_once_equal_each_alone():
 
 @given(POINTS)
 def test_any_polygon_fills_by_its_winding_number(points):
-    """Compared at a grid of points, without those on an edge."""
+    """The triangles and the winding number are compared at a grid of points off the edges."""
     axis = np.arange(-9, 9) + 0.4142135
     grid = np.stack(np.meshgrid(axis, axis + 0.1732), axis=-1).reshape(-1, 2)
     winding = winding_numbers(np.asarray(points, np.float64), grid)
@@ -111,7 +112,7 @@ def test_any_polygon_fills_by_its_winding_number(points):
 
 
 def test_inner_edges_of_translucent_fills_avoid_samples():
-    """Corners on whole pixels; samples of up to 16 x 16 per pixel."""
+    """The polygon's corners are whole pixels, and there are up to 16 x 16 samples per pixel."""
     stairs = np.array([[0.0, 0], [9, 0], [9, 3], [6, 3], [6, 6], [3, 6], [3, 9], [0, 9]])
     hourglass = np.array([[0.0, 0], [8, 0], [0, 8], [8, 8]])
     for points in (SQUARE * 2, ELL * 3, stairs, hourglass):
@@ -162,18 +163,18 @@ def ears(points):
 
 
 def test_course_ears_by_hand():
-    # Positive area keeps the order; the first candidate is (last, first, second).
+    # A contour of positive area keeps its order. The first candidate is (last, first, second).
     assert ears(SQUARE) == [[3, 0, 1], [1, 2, 3]]
-    # Negative: reversed, so vertex 3 counts as the first.
+    # A contour of negative area is reversed, so vertex 3 becomes the first.
     assert ears(SQUARE[::-1]) == [[0, 3, 2], [2, 1, 0]]
-    # The reflex corner (1, 1) lies in (5, 0, 1), which is no ear; the next candidate is.
+    # Triangle (5, 0, 1) contains the reflex corner (1, 1), so it is no ear. The next candidate is.
     assert ears(ELL)[0] == [0, 1, 2]
     assert sum(area(ELL[np.array(ears(ELL))])) == 7
 
 
 def test_course_ears_of_degenerate_polygons_by_hand():
     assert ears([[0, 0], [1, 1], [2, 2]]) == []
-    assert ears([[0, 0], [1e-6, 0], [0, 1e-6]]) == []  # a cross product under 1e-10
+    assert ears([[0, 0], [1e-6, 0], [0, 1e-6]]) == []  # the cross product is below 1e-10
     assert ears([[0, 0], [1e-4, 0], [0, 1e-4]]) == [[2, 0, 1]]
     assert ears(SQUARE[:2]) == ears(np.zeros((0, 2))) == []
     assert ears(np.zeros((5, 2))) == []

@@ -1,4 +1,4 @@
-"""Strokes: areas by hand, and against buffers by GEOS."""
+"""Strokes have their areas, by hand, and equal buffers by GEOS."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_caps_by_hand():
 
 
 def test_joins_by_hand():
-    # Two bars of 10 x 2 overlap in 1 x 1, counted once; the join adds the outer corner.
+    # Two bars of 10 x 2 overlap in 1 x 1, which counts once. The join adds the outer corner.
     assert shape(ELBOW, join="bevel").area == pytest.approx(39.5)
     assert shape(ELBOW, join="miter").area == pytest.approx(40)
     assert shape(ELBOW, join="round", scale=1000.0).area == pytest.approx(39 + np.pi / 4, rel=1e-4)
@@ -83,7 +83,7 @@ def test_many_at_once_equal_each_alone():
 
 @given(CHAIN, st.booleans())
 def test_round_strokes_are_buffers(points, closed):
-    """With round caps and joins, they are all points within half a width."""
+    """With round caps and joins, a stroke is the set of all points within half its width."""
     assume(len(np.unique(points, axis=0)) > (2 if closed else 1))
     ours = shape(points, 3.0, closed, cap="round", join="round", scale=100.0)
     line = shapely.LinearRing(points) if closed else shapely.LineString(points)
@@ -99,6 +99,6 @@ def test_beveled_strokes_are_buffers(points):
     line = shapely.LineString(points)
     ours = shape(points, 1.0, join="bevel")
     theirs = line.buffer(0.5, cap_style="flat", join_style="round", quad_segs=64)
-    # A bevel is a round join without the cap beyond its chord.
+    # A bevel is a round join without the circular segment beyond its chord.
     assert ours.difference(theirs).area < 1e-3 * theirs.area
     assert theirs.difference(ours).area <= len(points) * np.pi / 8

@@ -1,4 +1,4 @@
-"""Bounding boxes of elements, and the viewports and conditions that they depend on."""
+"""Bounding boxes of SVG elements, and the viewports and conditions on which they depend."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ LEFT_HALF = (
     ],
 )  # fmt: skip
 def test_the_box_of_what_is_drawn(element):
-    """All are a square of 40 px, whose left half is shown."""
+    """Each element is a square of 40 px, and a clip path shows the left half of its box."""
     result = body_colors(LEFT_HALF + element, [5, 5], [15, 35], [25, 5], [45, 5])
     np.testing.assert_allclose(result, [BLACK, BLACK, WHITE, WHITE])
 
@@ -72,7 +72,7 @@ def test_children_of_clip_paths_have_conditions():
     ],
 )
 def test_the_transform_of_the_root_is_that_of_a_box_of_css(attributes, points):
-    """About its centre by default, and outside of the viewBox: in px of the document."""
+    """The transform is about the root's centre by default, and in px, not in viewBox units."""
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="100" height="100" {attributes}>'
     scene = parse_svg(f'{head}<rect width="10" height="10"/></svg>')
     np.testing.assert_allclose(colors_at(scene, np.add(points, 0.01)), [BLACK, WHITE])

@@ -1,4 +1,4 @@
-"""Images of flattened curves against the exact curves, sample by sample."""
+"""Images of flattened curves equal images of the exact curves, up to the tolerance."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ def inside_circle(points):
 
 
 def inside_parabola(points):
-    # Between the chord y = 50 and the curve through (6, 50), (30, 20) and (54, 50).
+    # The region lies between the chord y = 50 and the parabola through (6, 50), (30, 20), (54, 50).
     x, y = points.T
     return (y <= 50) & (y >= 50 - 30 * (1 - ((x - 30) / 24) ** 2))
 
 
 SHAPES = {
     '<circle cx="30.3" cy="29.6" r="22.1"/>': inside_circle,
-    # The control point lies twice as high as the curve.
+    # The control point is twice as far from the chord as the top of the curve.
     '<path d="M6 50Q30 -10 54 50Z"/>': inside_parabola,
 }
 
@@ -30,9 +30,9 @@ SHAPES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("body", SHAPES, ids=["circle", "parabola"])
 def test_coverage_differs_by_no_more_than_the_tolerance_implies(body):
-    """The curve passes through a pixel for at most 2 pixels, beside a band as wide as `tolerance`.
+    """Coverage errs by at most the area between curve and chord in a pixel, and a few samples.
 
-    The band's share of the pixel bounds the error of coverage, up to the samples along its border.
+    In a pixel the curve is at most 2 pixels long, and the chord within `tolerance` of it.
     """
     offsets = (np.arange(SIDE * GRID) + 0.5) / GRID
     points = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
@@ -46,7 +46,7 @@ def test_coverage_differs_by_no_more_than_the_tolerance_implies(body):
         error = np.abs(covered - exact)
         assert error.max() <= 2 * tolerance + 2 / GRID**2
         errors.append(error.sum())
-    # The area between chord and curve is two thirds of their distance, so a quarter of the
-    # tolerance leaves at most about a quarter of the error.
+    # The area between curve and chord is proportional to their distance, so a quarter of the
+    # tolerance leaves about a quarter of the error.
     assert errors[1] < errors[0] / 2.5
     assert errors[2] < errors[1] / 4

@@ -1,4 +1,4 @@
-"""Errors and warnings of drawings: one line with the file and the line of the element."""
+"""Errors and warnings about drawings are one line, with the file and the line of the element."""
 
 import warnings
 
@@ -9,7 +9,7 @@ from softras2d.io.images import write_image
 from softras2d.io.svg.reading.reader import parse_svg
 
 HUGE = "1e39"
-"""Finite as Python reads it, and beyond float32."""
+"""A number that is finite in float64, but not in float32."""
 
 
 def drawing(*elements: str, size: int = 100) -> str:
@@ -47,7 +47,7 @@ def test_texture_coordinates_beyond_float32_are_named_with_their_line(tmp_path):
 
 
 def messages_of(text, dialect, assets):
-    """The warnings of reading a drawing, and the error if there is one."""
+    """The messages of all warnings on reading a drawing, and of the error if there is one."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -59,7 +59,7 @@ def messages_of(text, dialect, assets):
 
 @pytest.mark.parametrize("end", ["&#10;", "&#13;", "&#x85;", "&#x2028;"])
 class TestLineBreaks:
-    """Attributes may contain line breaks, and messages quote attributes."""
+    """Messages stay on one line even if they quote attributes that contain line breaks."""
 
     def test_a_warning_is_one_line(self, end):
         with warnings.catch_warnings(record=True) as caught:

@@ -1,4 +1,4 @@
-"""Gradients against their definition, at points away from edges."""
+"""SVG gradients have the colours of their definitions, at points away from edges."""
 
 import warnings
 
@@ -16,7 +16,7 @@ POINTS = RNG.random((40, 2)) * [96, 76] + [2.03, 2.07]
 
 def read(gradient, shape='<rect width="100" height="80" fill="url(#g)"/>', **options):
     head = '<svg xmlns="http://www.w3.org/2000/svg" width="100" height="80">'
-    # The first shape is no background, so that the second is drawn as triangles.
+    # A shape that covers the canvas is drawn as triangles too: a gradient is no background colour.
     return parse_svg(f"{head}{gradient}{shape}</svg>", **options)
 
 
@@ -41,7 +41,7 @@ def test_linear_gradients_are_exact(spread):
     )
     t = ((POINTS - [30, 20]) @ [20, 10]) / 500
     wanted = SPREADS[spread](t)
-    # Borders between strips lie 4e-5 of the gradient's length beside the stops.
+    # Points near jumps of colour are left out: strips end 4e-5 gradient lengths beside the stops.
     is_smooth = np.abs((t + 0.5) % 1 - 0.5) > 1e-3
     np.testing.assert_allclose(grey(read(gradient))[is_smooth], wanted[is_smooth], atol=2e-4)
 
@@ -60,7 +60,7 @@ def test_radial_gradients_are_within_the_tolerance(spread, focus):
         '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="50" cy="40" r="30" '
         f'fx="{focus[0]}" fy="{focus[1]}" spreadMethod="{spread}">{STOPS}</radialGradient>'
     )
-    # The circle that a ray from the focus meets at 1: |focus + s d - center| = r.
+    # A ray from the focus meets the circle of position 1 where |focus + s d - center| = r.
     d, f = POINTS - focus, np.subtract(focus, [50, 40])
     a, b, c = (d**2).sum(axis=1), d @ f, f @ f - 900
     t = a / (-b + np.sqrt(b**2 - a * c))
@@ -82,13 +82,13 @@ def test_start_circles_and_cones():
     ring = read(f'{head} r="30" fr="10">{STOPS}</radialGradient>')
     distance = np.hypot(*(POINTS - [50, 40]).T)
     np.testing.assert_allclose(grey(ring), np.clip((distance - 10) / 20, 0, 1), atol=3e-3)
-    # From the larger circle to the smaller one, the same colours from the other end.
+    # A gradient from the larger circle to the smaller one has the same colours in reverse.
     shrinking = read(f'{head} r="10" fr="30">{STOPS}</radialGradient>')
     np.testing.assert_allclose(grey(shrinking), 1 - np.clip((distance - 10) / 20, 0, 1), atol=3e-3)
     cone = read(f'{head} r="10" fx="10">{STOPS}</radialGradient>')
-    # Outside of the cone from (10, 40) around the circle, nothing is painted.
+    # Nothing is painted outside the cone with its apex at (10, 40) around the circle.
     assert colors_at(cone, [[50.3, 75.2], [5.1, 40.2]]).tolist() == [[1, 1, 1]] * 2
-    # On its axis, a circle of position t begins at 10 + 30 t.
+    # On the axis of the cone, the circle of position t begins at x = 10 + 30 t.
     np.testing.assert_allclose(
         colors_at(cone, [[25.01, 40.02], [31.03, 40.02]])[:, 0], [0.5, 0.7], atol=3e-3
     )
@@ -100,12 +100,13 @@ def test_circles_of_the_same_radius_shift_along_their_axis(spread):
         '<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="62" cy="49" r="30" fr="30" '
         f'fx="38" fy="31" spreadMethod="{spread}">{STOPS}</radialGradient>'
     )
-    # With |axis| = 30, the larger position of a circle through a point, which is on its far half.
+    # Circles of radius 30 move along an axis of length 30. Of the two circles through a point, the
+    # one of larger position counts.
     along, across = ((POINTS - [38, 31]) @ np.array([[0.8, -0.6], [0.6, 0.8]])).T
     is_inside = np.abs(across) < 30
     t = (along + np.sqrt(np.where(is_inside, 900 - across**2, 0.0))) / 30
     wanted = np.where(is_inside, SPREADS[spread](t), 1.0)
-    # Off the jumps, and off the sides, where circles of all colours lie close together.
+    # Points are left out near jumps, and near the sides, where circles of all colours meet.
     is_smooth = (np.abs((t + 0.5) % 1 - 0.5) > 5e-3) & (np.abs(np.abs(across) - 30) > 0.5)
     assert 5 < (is_smooth & is_inside).sum() < 40
     scene = read(gradient)
@@ -132,7 +133,7 @@ def test_stops_by_hand():
         'stop-color="currentColor"/>'
     )
     scene = read(f'<linearGradient id="g">{stops}</linearGradient>')
-    # A smaller offset counts as that before it: red up to 20 %, and lime after it.
+    # A decreasing offset is raised to the offset before it: red up to 20 %, and lime after it.
     colors = colors_at(scene, [[10.1, 33.3], [20.1, 33.3], [50, 33.3], [99.9, 33.3]])
     wanted = [[1, 0, 0], [0, 1, 0], [0.5, 0.5, 1], [1, 0, 0]]
     np.testing.assert_allclose(colors, wanted, atol=1e-2)
@@ -143,7 +144,7 @@ def test_gradients_inherit_from_each_other():
     np.testing.assert_allclose(
         grey(read(first + '<linearGradient id="g" href="#f"/>')), POINTS[:, 1] / 80, atol=2e-4
     )
-    # Geometry is inherited from gradients of the same kind alone.
+    # Geometry is inherited only from gradients of the same kind.
     radial = read(first + '<radialGradient id="g" href="#f"/>')
     centre = colors_at(radial, [[50.1, 40.2], [2, 2]])[:, 0]
     assert centre[0] < 0.02 and centre[1] == 1
@@ -155,7 +156,7 @@ def test_gradients_that_paint_nothing_or_one_colour():
         ('<linearGradient id="g"><stop stop-color="red"/></linearGradient>', [1, 0, 0]),
         (f'<linearGradient id="g" x2="0">{STOPS}</linearGradient>', [1, 1, 1]),
         (f'<radialGradient id="g" r="0">{STOPS}</radialGradient>', [1, 1, 1]),
-        # Start and end circle are the same: SVG 2, section 14.2.3.2.
+        # The start circle and the end circle are the same: SVG 2, section 14.2.3.2.
         (f'<radialGradient id="g" fr="0.5">{STOPS}</radialGradient>', [1, 1, 1]),
     ):
         assert colors_at(read(gradient), [[33.3, 22.2]]).tolist() == [wanted]
@@ -170,7 +171,7 @@ def test_a_gradient_on_a_shape_without_area_is_not_applied():
 
 
 def test_a_pattern_on_a_shape_without_area_is_not_applied_either():
-    """The fallback is then what the standard draws, and nothing is missing."""
+    """The standard draws the fallback colour on such a shape, so there is nothing to warn of."""
     line = '<line x2="90" y1="40" y2="40" stroke="url(#p) lime" stroke-width="9"/>'
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -205,7 +206,7 @@ def test_gradients_that_repeat_without_end_are_refused():
 
 @pytest.mark.parametrize("spread", SPREADS)
 def test_the_border_before_the_first_stop_is_painted(spread):
-    """The first piece begins beside the stop, which is at the border of the shape."""
+    """The first strip begins beside the first stop, and this stop is at the border of the shape."""
     gradient = f'<linearGradient id="g" spreadMethod="{spread}">{STOPS}</linearGradient>'
     scene = parse_svg(
         f'<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="8">{gradient}'

@@ -1,4 +1,4 @@
-"""Opacity of groups, clip paths, references and viewports, at points away from edges."""
+"""Opacity of groups, clip paths, references and viewports give the right colours off edges."""
 
 import warnings
 
@@ -19,11 +19,11 @@ def half(color):
 
 
 def test_a_shape_with_opacity_is_composited_as_a_whole():
-    """The stroke hides the fill below it, although both are translucent at last."""
+    """With `opacity`, the stroke hides the fill below it, although the result is translucent."""
     rect = '<rect x="20" y="20" width="40" height="40" fill="red" stroke="blue" stroke-width="10"'
     result = body_colors(f'{rect} opacity=".5"/>', [40, 40], [22, 40], [17, 40])
     np.testing.assert_allclose(result, [half(RED), half(BLUE), half(BLUE)])
-    # Their own opacities let the fill show through.
+    # With `stroke-opacity` instead, the fill shows through the stroke.
     result = body_colors(f'{rect} stroke-opacity=".5"/>', [22, 40], [17, 40])
     np.testing.assert_allclose(result, [[0.5, 0, 0.5], half(BLUE)])
 
@@ -47,7 +47,7 @@ def test_translucent_members_that_overlap_are_exact():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         result = body_colors(body, [10, 10], [25, 10], [50, 10], [32, 10])
-    # In the overlap: lime over red, premultiplied, then half of it over white.
+    # In the overlap, lime is over red, premultiplied; then half of the result is over white.
     alpha = 0.25 + 0.75 * 0.5
     overlap = [0.75 * 0.5 / 2 + 1 - alpha / 2, 0.25 / 2 + 1 - alpha / 2, 1 - alpha / 2]
     np.testing.assert_allclose(
@@ -94,11 +94,12 @@ def test_clip_paths_by_hand():
         ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c">'
          '<rect width="60" height="80" clip-path="url(#d)"/><rect x="70" width="9" height="80"/>'
          "</clipPath>", [True, False, True]),
-        # A clip path of a clip path does not have its transform, but that of the element.
+        # A clip path on a clip path ignores the transform of the latter: it has the element's.
         ('<clipPath id="d"><rect width="30" height="80"/></clipPath><clipPath id="c" '
          'clip-path="url(#d)" transform="translate(30)"><rect x="-30" width="60" height="80"/>'
          "</clipPath>", [True, False, False]),
-        # Its box is that of the element; that of a clipped child is the child's.
+        # For a clip path on a clip path, the bounding box is the element's. For a clip path on a
+        # child of a clip path (next case), it is the child's.
         ('<clipPath id="d" clipPathUnits="objectBoundingBox"><rect width=".4" height="1"/>'
          '</clipPath><clipPath id="c" clip-path="url(#d)"><rect width="80" height="80"/>'
          "</clipPath>", [True, False, False]),
@@ -161,7 +162,7 @@ def test_switch_and_system_language():
     ):
         result = body_colors(f"<switch>{rects.format(first, second)}</switch>", [5, 5])
         assert result.tolist() == [wanted]
-    # Outside of a switch, the attribute hides elements too.
+    # `systemLanguage` hides elements outside of a switch too.
     assert read_body('<rect width="9" height="9" systemLanguage="fr"/>').triangles.size == 0
 
 
@@ -177,7 +178,7 @@ def test_transform_origin():
             f'<rect width="10" height="10" {origin} {transform}/>', [95, 75], [5, 5]
         )
         assert result[:, 0].tolist() == ([1, 0] if "translateX" in origin else [0, 1])
-    # One value leaves the other one at the center.
+    # If one value is given, the other axis has its origin at the center.
     one = 'transform-origin="0" transform="scale(1 -1)"'
     result = body_colors(f'<rect width="10" height="10" {one}/>', [5, 75], [5, 5])
     assert result[:, 0].tolist() == [0, 1]
@@ -203,12 +204,12 @@ CORNER = '<rect width="10" height="10" fill="red" {}/>'
         "transform:translateX(40px)translateY(30px)", "transform: matrix(1, 0, 0, 1, 40, 30)",
         "transform: scale(200%) translate(20px, 15px) scale(.5, .5)",
         "translate: 40px 30px", "translate: 20px 10px; transform: translate(20px, 20px)",
-        # `scale` is about the origin of `transform`, and `translate` is not scaled.
+        # `scale` is about the origin of `transform`, and does not scale `translate`.
         "translate: 40px 30px; scale: 50%; transform: scale(2)",
         "translate: 40px 30px; rotate: 180deg; transform: rotate(.5turn) rotate(0)",
         "transform-box: fill-box; transform: translate(400%, 300%)",
         "transform-origin: 50px 40px; rotate: z 3.14159265rad",
-        # An invalid declaration has no effect, so that another one counts.
+        # An invalid declaration has no effect, so an earlier valid one counts.
         "transform: translate(40px, 30px); transform: translate(90, 90)",
     ],
 )  # fmt: skip
@@ -244,7 +245,7 @@ def test_invalid_css_transforms_are_named(declaration, reason):
     with pytest.warns(UserWarning, match=f"invalid: {name} of <rect> .line 1: .*{reason}"):
         result = body_colors(CORNER.format(f'style="{declaration}"'), [5, 5], [45, 35])
     assert result.tolist() == [RED, WHITE]
-    # The attribute counts where no property is valid.
+    # The attribute counts if no declaration of the property is valid.
     attribute = f'style="{declaration}" transform="translate(40 30)"'
     with pytest.warns(UserWarning, match=f"invalid: {name} of <rect>"):
         result = body_colors(CORNER.format(attribute), [5, 5], [45, 35])
@@ -344,7 +345,7 @@ def test_path_length_scales_dashes():
     assert body_colors(path.format('pathLength="8"'), *at)[:, 1].tolist() == [0, 1, 0]
     moved = 'pathLength="8" stroke-dashoffset="1"'
     assert body_colors(path.format(moved), *at)[:, 1].tolist() == [1, 0, 1]
-    # Zero scales every dash to infinity.
+    # A path length of zero scales every dash to infinity. The first dash then never ends.
     assert body_colors(path.format('pathLength="0"'), *at)[:, 1].tolist() == [0, 0, 0]
     for text in ("-8", "x"):
         with pytest.warns(UserWarning, match="pathLength of <path>"):
@@ -354,7 +355,7 @@ def test_path_length_scales_dashes():
 
 @pytest.mark.parametrize("join", ["miter", "round"])
 def test_relative_paths_close_without_a_spike(join):
-    """In float64, the steps add up to about 1e-15 instead of 0."""
+    """In float64, the steps of the path add up to about 1e-15 instead of 0."""
     steps = "l.1 .2l.2 .1l-.1 .2l-.2-.5"
     path = '<g transform="scale(80)"><path d="M.3 .3{}{}" stroke="red" stroke-width=".01" {}/></g>'
     pen = f'fill="none" stroke-linejoin="{join}" stroke-miterlimit="99"'
@@ -370,7 +371,8 @@ def test_joins_that_are_clipped():
     for join in ("bevel", "miter", "miter-clip"):
         scene = read_body(spike.format(f'stroke-linejoin="{join}" stroke-miterlimit="3"'))
         reach[join] = corners_of(scene)[..., 0].max()
-    # A miter over the limit is a bevel; cut off, it ends three half widths from the corner.
+    # A miter over the limit becomes a bevel. With `miter-clip`, it is cut off at three half widths
+    # from the corner.
     assert reach["miter"] == reach["bevel"] < 61
     assert reach["miter-clip"] == pytest.approx(66)
 

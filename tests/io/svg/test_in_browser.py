@@ -1,4 +1,4 @@
-"""Written drawings in a browser, against the image that the package draws."""
+"""A browser shows written drawings nearly as the package draws them."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ BACKGROUND = np.array([0.1, 0.1, 0.2], np.float32)
 
 
 def grid(cells: int, inset: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and triangles of a jittered grid that fills the canvas, or all but a margin."""
+    """Positions and triangles of a jittered grid that fills the canvas, except a margin `inset`."""
     rng = np.random.default_rng(3)
     u = np.linspace(0, 1, cells + 1)
     positions = np.stack(np.meshgrid(u, u), -1)
@@ -53,7 +53,7 @@ def shaded_mesh() -> sr.Scene:
 
 
 def layers(*colors_shape: int) -> sr.Scene:
-    """Triangles over each other in random colours, which are opaque if they have three channels."""
+    """Overlapping triangles in random colours of this shape per triangle; 4 channels for alpha."""
     rng = np.random.default_rng(6)
     corners = rng.random((60, 1, 2)) * [WIDTH, HEIGHT] + rng.normal(size=(60, 3, 2)) * 20
     colors = rng.random((60, *colors_shape)).astype(np.float32)
@@ -68,7 +68,7 @@ def translucent_mesh() -> sr.Scene:
 
 
 CASES = {
-    # Scene, and least PSNR of the browser's image in dB.
+    # Each case is a scene, and the least PSNR in dB of the browser's image.
     "flat layers": (layers(3), 40.0),
     "translucent layers": (layers(4), 40.0),
     "flat mesh": (flat_mesh(), 40.0),

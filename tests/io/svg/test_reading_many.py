@@ -1,4 +1,4 @@
-"""Reading many drawings compiles nothing, so that a process does not grow."""
+"""Reading many drawings compiles nothing, so the memory of the process does not grow."""
 
 from pathlib import Path
 

@@ -1,7 +1,8 @@
-"""Drawings of a public test suite against their pictures, if SOFTRAS2D_DATA holds them.
+"""Drawings of a public test suite agree with its pictures, if SOFTRAS2D_DATA contains the suite.
 
-The data's README says how to compare: pixels whose neighbourhood in the picture is flat, on every
-fifth row and column. A drawing agrees if fewer than three of them differ by more than 8 levels.
+The README of the data says how to compare. Only pixels with a uniform neighbourhood in the picture
+count, on every fifth row and column. A drawing agrees if fewer than three of them differ by more
+than 8 levels.
 """
 
 import os
@@ -37,18 +38,18 @@ STANDARD_IS_RIGHT = {
     "shapes/rect/vmin-and-vmax-values": "CSS Values 4, relative lengths: of the viewport",
     "structure/style/non-presentational-attribute": "SVG 2, 7.8: `height` is a property",
 }
-"""Drawings that are drawn as the standard says, and the clause that the picture contradicts."""
+"""Drawings whose picture contradicts the standard, by the clause that they are drawn by."""
 
 
 def picture_of(path: Path) -> np.ndarray:
-    """The picture of a drawing over white, in levels of 255."""
+    """The suite's picture of a drawing, over white, in levels of 0..255."""
     picture = sr.read_image(path.with_suffix(".png"))
     alpha = picture[..., 3:] if picture.shape[-1] == 4 else 1.0
     return np.rint(255 * (picture[..., :3] * alpha + 1 - alpha))
 
 
 def compared(picture: np.ndarray) -> np.ndarray:
-    """The pixels that are compared."""
+    """Which pixels of a picture are compared."""
     padded = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="edge")
     height, width = picture.shape[:2]
     around = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
@@ -59,7 +60,7 @@ def compared(picture: np.ndarray) -> np.ndarray:
 
 
 def read(path: Path, picture: np.ndarray) -> tuple[sr.Scene, list[str]]:
-    """The drawing as large as its picture, and its warnings."""
+    """Read a drawing at the size of its picture: the scene, and its warnings."""
     height, width = picture.shape[:2]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -92,14 +93,14 @@ FEW = (
 
 @pytest.mark.parametrize("name", FEW)
 def test_a_few_drawings_agree(name):
-    """By the colours of their triangles at some of the pixels, as each plan takes a compilation."""
+    """Colours are computed from the triangles at some pixels, since each plan would compile."""
     path = SUITE / f"{name}.svg"
     picture = picture_of(path)
     scene, messages = read(path, picture)
     rows, columns = np.nonzero(compared(picture))
     chosen = np.random.default_rng(0).choice(len(rows), min(len(rows), 200), replace=False)
     rows, columns = rows[chosen], columns[chosen]
-    # Off the middle of the pixel, where edges may cross.
+    # Points are moved off the middle of the pixel, through which edges may run.
     colors = colors_at(scene, np.stack([columns + 0.513, rows + 0.517], axis=1))
     differs = np.abs(np.rint(255 * colors) - picture[rows, columns]).max(axis=-1) > 8
     assert len(rows) > 50

@@ -1,4 +1,4 @@
-"""Selectors and the order of declarations, and the bounds on their work."""
+"""Selectors match, declarations apply in the right order, and both take bounded work."""
 
 import warnings
 
@@ -12,7 +12,7 @@ RED, LIME, BLACK = [1, 0, 0], [0, 1, 0], [0, 0, 0]
 
 
 def color(sheet, rect='<rect width="9" height="9" class="a b" id="r"/>', **options):
-    """The colour of a rect inside of a group, under a style sheet."""
+    """The colour of a rectangle within a group, under a style sheet."""
     text = (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="20" height="9"><style>{sheet}</style>'
         f'<g class="group">{rect}</g></svg>'
@@ -44,21 +44,21 @@ def test_selectors_that_do_not_match(selector):
         ("#r { fill: lime } .a { fill: red }", ""),
         (".a.b { fill: lime } .a { fill: red }", ""),
         (".a { fill: red } .b { fill: lime }", ""),
-        # Attributes have the lowest rank, `style` the highest but for importance.
+        # Attributes have the lowest rank. `style` has the highest, apart from `!important`.
         ("* { fill: lime }", 'fill="red"'),
         ("#r { fill: red }", 'style="fill: lime"'),
         ("* { fill: lime !important }", 'style="fill: red"'),
         ("* { fill: red !important }", 'style="fill: lime !important"'),
         (".a { fill: lime !important } #r { fill: red }", ""),
         (".a { fill: red !important } #r { fill: lime !important; fill: blue }", ""),
-        # What is invalid has no effect.
+        # Invalid declarations have no effect.
         (".a { fill: lime } rect.b { fill: redd }", ""),
         ("rect.b { fill: lime !important; fill: redd !important } .a { fill: red }", ""),
         ("#r { fill: redd !important } .a { fill: red }", 'style="fill: lime; fill: redd"'),
         ("#r { fill: redd }", 'fill="lime" style="fill: 3px"'),
         ("* { fill: lime } rect:has(a), rect { fill: red }", ""),
         ("@media print { rect { fill: red } } @media all { rect { fill: lime } }", ""),
-        # Comments of CSS hide their text; those of HTML are skipped, and their text is not.
+        # CSS comments hide their text. The marks of HTML comments are skipped, but not their text.
         ("rect { fill: red; /* fill: blue; */ ; fill: lime } /* rect { fill: red } */", ""),
         ("rect { fill: red } &lt;!-- rect { fill: lime } --&gt;", ""),
     ],
@@ -127,11 +127,11 @@ def test_sheets_of_other_types_and_media_are_skipped():
 @pytest.mark.parametrize(
     ("sheet", "body", "message"),
     [
-        # A chain of descendants tries every choice of ancestors.
+        # For a chain of descendant selectors, every choice of ancestors is tried.
         ("g g g g g g g x { fill: red } g g g g g g g .n { fill: red }",
          "<g>" * 300 + '<rect class="n"/>' + "</g>" * 300, "selectors; at most"),
         ("rect ~ rect { fill: red }", "<rect/>" * 9000, "selectors; at most"),
-        # Every choice of 40 among 40 ancestors is tried, although only one has all of them.
+        # Only one choice of 40 among 40 ancestors fits, but all partial choices are tried.
         ("g " * 40 + ".n { fill: red }",
          "<g>" * 40 + '<rect class="n"/>' + "</g>" * 40, "selectors; at most"),
         ("x ~ rect ~ rect ~ rect { fill: red }", "<rect/>" * 600, "selectors; at most"),

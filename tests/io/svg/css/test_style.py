@@ -1,4 +1,4 @@
-"""Colours in every notation, and style with inheritance."""
+"""Colours in every notation, and style properties with inheritance."""
 
 from typing import Any
 
@@ -57,7 +57,7 @@ def test_invalid_colors_are_none():
 
 
 def test_whole_numbers_are_parsed_as_by_tinycss2():
-    """They have a parser of their own, which is faster."""
+    """The package parses whole numbers itself, which is faster."""
     for value in range(0, 300, 7):
         reference: Any = tinycss2.color4.parse_color(f"rgb({value} {value} 9)")
         exact = tuple(np.clip(reference.to("srgb").coordinates, 0, 1))
@@ -75,7 +75,7 @@ VIEWPORT = Viewport(100.0, 100.0, 100.0, 100.0)
 
 
 def style(parent=INITIAL, **attributes):
-    """The computed style and the properties of its notices. Underscores stand for hyphens."""
+    """The computed style, and its notices. Underscores in `attributes` stand for hyphens."""
     notes = []
     plain = {name.replace("_", "-"): value for name, value in attributes.items()}
     declared = Cascade(Notices("a.svg", True), Budget(), 9, 9).declarations(
@@ -88,7 +88,7 @@ def style(parent=INITIAL, **attributes):
 
 
 def fill_of(result):
-    """The colour of a fill that is no reference, with its opacity; None if it is invisible."""
+    """The RGBA of a fill that is a plain colour; None if it is invisible."""
     rgba = result.color if result.fill == CURRENT else result.fill
     if rgba is None:
         return None
@@ -154,7 +154,7 @@ def test_font_sizes_in_css_have_units():
     result, notes = style(font_size="20", style="font-size: 30; stroke-width: 1em")
     assert (result.font_size, result.stroke_width) == (20, 20)
     assert notes == [("ignored as invalid", "font-size")]
-    # A number is a width of strokes, also in CSS.
+    # A number without a unit is a valid stroke width, even in CSS, but only 0 is a valid font size.
     assert style(style="stroke-width: 3; font-size: 0")[0].stroke_width == 3
     result, notes = style(style="font: 10 serif")
     assert (result.font_size, notes) == (16, [("ignored as invalid", "font")])

@@ -1,4 +1,4 @@
-"""The map from control points to vertices: exact, differentiable, and written back."""
+"""The map from control points to vertices is exact and differentiable, and can be written back."""
 
 import equinox as eqx
 import jax
@@ -34,7 +34,7 @@ def test_the_file_s_points_give_the_scene(controls):
     scene = sr.read_svg(controls._document.name)
     np.testing.assert_array_equal(scene.positions, controls.scene.positions)
     np.testing.assert_allclose(controls.positions(controls.points), scene.positions, atol=2e-5)
-    # Each use of the leaf has the same control points, which the file holds once.
+    # All uses of the leaf share its control points, which the file holds once.
     assert len(controls.points) == 4 + 9 + 3 + 3
     np.testing.assert_allclose(controls.points[:3], [[5, 5], [5, 14], [17, 14]], atol=1e-6)
 
@@ -65,7 +65,7 @@ def test_moved_points_are_written_and_read_back(controls, tmp_path):
     sr.write_svg(tmp_path / "b.svg", changed)
     read = sr.read_svg_controls(tmp_path / "b.svg")
     np.testing.assert_array_equal(read.points, points)
-    # Everything else is as it was: the other attributes, the style sheet, the comments.
+    # Everything else is unchanged: the other attributes, the style sheet, the comments.
     text = (tmp_path / "b.svg").read_text()
     assert "<style>.a { fill: #c33 }</style>" in text
     assert """<use href='#leaf' x="20" opacity=".5"/>""" in text
@@ -91,10 +91,11 @@ def test_the_gradient_of_positions_is_the_transposed_matrix(controls):
 
 @pytest.mark.slow
 def test_the_gradient_of_an_image_by_control_points(controls, tmp_path, float64):
-    """Against central differences, of the exact image of the fills alone."""
+    """The gradient equals central differences of the exact-area image, without strokes."""
     text = DRAWING.replace(' stroke="black"', "")
     (tmp_path / "a.svg").write_text(text)
-    # Off whole pixels, where an edge along a border between pixels has a derivative to each side.
+    # The drawing is moved off whole pixels: an edge on a side of a pixel has two one-sided
+    # derivatives.
     shift = [[1, 0, 0.313], [0, 1, 0.271], [0, 0, 1]]
     controls = sr.read_svg_controls(tmp_path / "a.svg", transform=shift)
     controls = jax.tree.map(

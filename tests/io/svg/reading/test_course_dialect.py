@@ -1,4 +1,4 @@
-"""Dialect `course`: every peculiarity by hand, and one file in both dialects."""
+"""Dialect `course`: every peculiarity, worked by hand, and one file read in both dialects."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ def colors(scene):
 
 
 def boxes(scene):
-    """The rectangles of whole pixels, two triangles each: (x0, y0, x1, y1)."""
+    """The rectangles (x0, y0, x1, y1) of whole pixels in a scene, which are two triangles each."""
     quads = corners_of(scene).reshape(-1, 6, 2)
     return np.concatenate([quads.min(axis=1), quads.max(axis=1)], axis=1).tolist()
 
@@ -51,9 +51,9 @@ def hex_colors(scene):
     [
         ("#ff8000", "ff8000"),
         ("ff8000", "ff8000"),
-        ("#f00", "000f00"),  # no short form
-        ("none", "000000"),  # black, not "no fill"
-        ("blue", "00000b"),  # b is a digit, l is none
+        ("#f00", "000f00"),  # there is no short form
+        ("none", "000000"),  # is black, and does not mean "no fill"
+        ("blue", "00000b"),  # b is a hexadecimal digit, l is not
         ("red", "000000"),
         ("rgb(1,2,3)", "000000"),
         ("#12zz", "000012"),
@@ -95,7 +95,7 @@ def test_root_attributes_but_size_are_ignored():
 
 
 def test_the_drawing_is_scaled_and_centred():
-    # k = 100 / 120 and the drawing is centred; the canvas is the file's own size.
+    # The scale is 100 / 120. The size of the canvas is the size that the file gives.
     scene = read('<rect width="100" height="80"/>', 'width="100" height="100"', transform=None)
     corners = corners_of(scene).reshape(-1, 2)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -117,7 +117,7 @@ def test_a_size_is_needed_for_the_view():
 
 def test_rect_is_two_triangles():
     scene = read('<rect x="1" y="2" width="3" height="4" fill="#ff0000"/>')
-    # (top left, top right, bottom left), (bottom left, top right, bottom right).
+    # Corners are (top left, top right, bottom left), (bottom left, top right, bottom right).
     wanted = [[[1, 2], [4, 2], [1, 6]], [[1, 6], [4, 2], [4, 6]]]
     assert corners_of(scene).tolist() == wanted
 
@@ -126,7 +126,7 @@ def test_a_rect_without_size_is_a_point():
     assert boxes(read('<rect x="3.7" y="5.2" fill="#ff0000"/>')) == [[3, 5, 4, 6]]
     assert boxes(read('<rect x="3.7" y="5.2" stroke="#ff0000"/>')) == [[3, 5, 4, 6]]
     assert boxes(read('<rect x="-0.5" y="5"/><rect x="100" y="5"/><rect x="5" y="80"/>')) == []
-    # With one of the two it is a rect of no area.
+    # With one of width and height, it is a rectangle without area.
     flat = corners_of(read('<rect x="3" y="5" width="4"/>'))
     assert flat.shape == (2, 3, 2) and (flat[..., 1] == 5).all()
     # The transform moves the point.
@@ -138,7 +138,7 @@ def test_stroke_is_one_pixel_whatever_its_width():
     line = '<line x1="1.5" y1="2.5" x2="4.5" y2="2.5" {}/>'
     assert boxes(read(line.format('stroke="#ff0000" stroke-width="9"'))) == [[1, 2, 5, 3]]
     assert read(line.format("")).triangles.size == 0
-    # Any value draws it: `none` is black.
+    # Any value of `stroke` draws the line, and `none` is black.
     scene = read(line.format('stroke="none"'))
     assert boxes(scene) == [[1, 2, 5, 3]] and hex_colors(scene) == ["000000"] * 2
 
@@ -157,7 +157,7 @@ def test_polygon_is_filled_by_ears_and_outlined():
     scene = read('<polygon points="1,1 9,1 9,9 1,9" fill="#ff0000" stroke="#0000ff"/>')
     assert hex_colors(scene)[:2] == ["ff0000"] * 2
     assert set(hex_colors(scene)[2:]) == {"0000ff"}
-    # Ears in the course's order: (last, first, second), then the rest.
+    # Ears are in the course's order: (last, first, second), then the rest.
     assert corners_of(scene)[:2].tolist() == [[[1, 9], [1, 1], [9, 1]], [[9, 1], [9, 9], [1, 9]]]
     assert read('<polygon points="1,1 9,1"/>').triangles.size == 0
     assert len(boxes(read('<polygon points="1,1 9,1" stroke="#000000"/>'))) == 2
@@ -189,7 +189,7 @@ def test_vertices_are_mapped_in_float64_from_float32():
         '<polygon points="16777217,0 16777219,0 16777219,5"/>',
         transform=[[1, 0, -16777216], [0, 1, 0], [0, 0, 1]],
     )
-    # 16777217 and 16777219 round to even: 16777216 and 16777220.
+    # In float32, 16777217 and 16777219 round to even: 16777216 and 16777220.
     assert sorted(set(corners_of(scene)[..., 0].ravel().tolist())) == [0, 4]
 
 
@@ -237,11 +237,11 @@ def test_translucent_pixels_are_covered_once():
 
 
 def test_the_frame_is_black_and_last():
-    """It is black and mapped like the drawing, with its corners moved by a pixel."""
+    """The frame is mapped like the drawing, and its corners are moved by a pixel."""
     drawn = read(
         "", frame=None, transform=[[1, 0, 10.5], [0, 1, 10.5], [0, 0, 1]], height=99, width=200
     )
-    # Top left (9.5, 11.5), top right (111.5, 11.5), bottom left (9.5, 89.5), right (111.5, 89.5).
+    # The corners are (9.5, 11.5), (111.5, 11.5), (9.5, 89.5) and (111.5, 89.5).
     assert boxes(drawn) == [
         [9, 11, 112, 12], [9, 11, 10, 90], [111, 11, 112, 90], [9, 89, 112, 90],
     ]  # fmt: skip
@@ -269,11 +269,12 @@ def test_one_file_differs_between_the_dialects():
         '<polyline points="0,50 20,50 20,70" stroke-width="4"/>'
     )
     course, svg = read(body), read(body, dialect="svg")
-    # Black; 0x000f00 moved, and with a black outline; an open black chain.
+    # In the course's dialect: a black shape, a moved one in 0x000f00 with a black outline, and an
+    # open black chain.
     assert hex_colors(course)[:2] == ["000000"] * 2
     assert hex_colors(course)[2:4] == ["000f00"] * 2
     assert set(hex_colors(course)[4:]) == {"000000"}
-    # Nothing; red at 20; a filled triangle.
+    # In the dialect `svg`: nothing, a red shape at x = 20, and a filled triangle.
     assert hex_colors(svg) == ["ff0000"] * 2 + ["000000"]
     assert corners_of(svg)[0, 0].tolist() == [20, 0]
 
@@ -287,7 +288,7 @@ def test_large_polygons_that_cross_themselves_give_a_warning():
 
 
 def outlined_polygons(count: int) -> str:
-    """Pentagons, which cross themselves or not, with outlines."""
+    """Pentagons with outlines, some of which cross themselves."""
     rng = np.random.default_rng(0)
     lines = []
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""Dialect `svg`: the triangles and colours of each element, by hand."""
+"""Dialect `svg`: the triangles and colours of each element, worked by hand."""
 
 import warnings
 
@@ -103,7 +103,7 @@ def test_units_and_percentages_by_hand():
     assert shape(read(body)).equals(shapely.box(10, 8, 106, 48))
     inside = shape(read(body, 'viewBox="0 0 200 40" width="200" height="40"'))
     assert inside.equals(shapely.box(20, 4, 116, 24))
-    # 100 % of a stroke width are the diagonal over the root of two.
+    # Percentages of stroke widths are of the viewport's diagonal over the square root of 2.
     bar = '<line x1="0" y1="20" x2="30" y2="20" stroke="red" stroke-width="10%"/>'
     assert shape(read(bar, 'width="70" height="10"')).area == pytest.approx(150)
 
@@ -120,7 +120,7 @@ def test_view_box_and_canvas_size_by_hand():
     for aspect in ("none", "xMinYMin slice"):
         scene = read(page, f'{root} preserveAspectRatio="{aspect}"')
         assert scene.background.tolist() == [0, 0, 0]
-    # Without a viewBox the size is one, so that another canvas scales the drawing.
+    # Without a viewBox, the size of the drawing serves as one, so another canvas size scales it.
     box = '<rect x="1" y="1" width="2" height="2"/>'
     scaled = read(box, 'width="10" height="10"', height=30, width=30)
     assert shape(scaled).equals(shapely.box(3, 3, 9, 9))
@@ -138,7 +138,7 @@ def test_transform_replaces_the_view():
     root = 'viewBox="0 0 100 100" width="10" height="10"'
     moved = read(body, root, transform=[[2, 0, 5], [0, 3, 6], [0, 0, 1]])
     assert shape(moved).equals(shapely.box(5, 6, 13, 12))
-    # Homogeneous: twice the matrix is the same map; a third row divides.
+    # Matrices are homogeneous: twice the matrix is the same map, and the third row divides.
     assert shape(read(body, root, transform=2 * np.eye(3))).equals(shapely.box(0, 0, 4, 2))
     shrunk = read(body, root, transform=[[1, 0, 0], [0, 1, 0], [0.25, 0, 1]])
     np.testing.assert_array_equal(
@@ -164,7 +164,7 @@ def test_nested_transforms_and_inherited_style():
 
 
 def test_the_transform_of_the_root_moves_its_content():
-    # In user units, as that of a group.
+    # The translation is in user units, as it is for a group.
     scene = read('<rect width="1" height="1"/>', 'width="9" height="9" transform="translate(3 4)"')
     assert shape(scene).equals(shapely.box(3, 4, 4, 5))
 
@@ -177,7 +177,7 @@ def test_points_may_be_separated_in_any_way():
 
 
 def test_triangles_coloured_by_a_style_sheet():
-    """As Illustrator writes them: the colours are in a style sheet, in classes."""
+    """Illustrator writes colours as classes in a style sheet."""
     scene = read(
         "<defs><style>.cls-1{fill:#0f0;}.cls-2,.cls-3{stroke-width:0}.cls-2{fill:#00f}</style></defs>"
         '<path class="cls-1" d="M0 0L9 0L0 9Z"/><polygon class="cls-2" points="9,0 9,9 0,9"/>'
@@ -189,7 +189,7 @@ def test_triangles_coloured_by_a_style_sheet():
 
 
 def test_strokes_are_in_the_coordinates_of_their_element():
-    """A scale along one axis widens the strokes across it alone."""
+    """A scale along one axis widens only the strokes that run across this axis."""
     pen = 'stroke="red" stroke-width="2" fill="none" transform="scale(4 1)"'
     upright = read(f'<path d="M5 0V20" {pen}/>')
     assert shape(upright).symmetric_difference(shapely.box(16, 0, 24, 20)).area < 1e-3
@@ -376,7 +376,7 @@ def test_the_namespace_of_an_element_decides_not_its_prefix():
 
 
 def test_a_foreign_default_namespace_is_not_svg():
-    """Names without prefix are in the default namespace, wherever it is declared."""
+    """Names without a prefix are in the default namespace, wherever it is declared."""
     rect = '<rect width="5" height="5"/>'
     assert read(f'<g xmlns="urn:x">{rect}</g>').triangles.size == 0
     mixed = f'<s:g xmlns="urn:x" xmlns:s="{NS[7:-1]}"><s:rect width="3" height="3"/>{rect}</s:g>'
@@ -388,11 +388,11 @@ def test_a_foreign_default_namespace_is_not_svg():
 @pytest.mark.parametrize(
     "body",
     [
-        # Nothing of it is displayed.
+        # These elements are not displayed, so their errors do not matter.
         '<rect width="4" height="4" fill="#qqq" filter="url(#f)" style="rx: 2" display="none"/>',
         '<g style="display: none"><text>a</text></g><text systemLanguage="xx">b</text>',
         '<linearGradient id="g" href="#none"/><clipPath id="c" clip-path="url(#none)"/>',
-        # Below the first shape of an isolated group lies nothing that it could blend with.
+        # The first shape of an isolated group has nothing below it to blend with.
         '<g style="isolation: isolate"><desc/><rect width="9" height="9" '
         'style="mix-blend-mode: overlay"/></g>',
     ],
@@ -431,7 +431,7 @@ SHAPES_ON_PIXELS = (
 
 
 def test_no_sample_lies_on_an_inner_edge_of_a_translucent_shape():
-    """It would be blended twice. Samples are at odd eighths of a pixel."""
+    """A sample on an inner edge would be blended twice. Samples lie at odd eighths of a pixel."""
     corners = corners_of(read(SHAPES_ON_PIXELS, 'width="32" height="16"')).astype(np.float64)
     x, y = np.meshgrid((np.arange(4 * 32) + 0.5) / 4, (np.arange(4 * 16) + 0.5) / 4)
     samples = np.stack([x, y], axis=-1)[:, :, None]

@@ -1,4 +1,4 @@
-"""Numbers, lengths, transforms and views: by hand, and for any number by hypothesis."""
+"""Numbers, lengths, transforms and views are parsed right: by hand, and by hypothesis."""
 
 import math
 
@@ -107,7 +107,7 @@ def test_course_numbers_are_float32():
         ("1, 2\n3,4", [1, 2, 3, 4]),
         ("1;2 3/4", [1, 2, 3, 4]),
         ("1 2 3 4", [1, 2, 3, 4]),
-        ("1,2 3,,4 5,6", [1, 2]),  # two separators do not fit: reading stops
+        ("1,2 3,,4 5,6", [1, 2]),  # reading stops at two separators
         ("1,2 x 3,4", [1, 2]),
         ("1,2 3", [1, 2]),
     ],
@@ -162,17 +162,17 @@ def test_transform_functions_multiply_left_to_right(x, y, angle, factor):
         ("translate(10 20)", (11, 21), []),
         ("translate(10,20)", (11, 1), []),  # a comma stops the reading
         ("translate(10px 20)", (11, 1), []),
-        ("scale(2)", (2, 1), []),  # not uniform
+        ("scale(2)", (2, 1), []),  # scales x alone
         ("scale()", (1, 1), []),
         ("rotate(90)", (-1, 1), []),
         ("rotate(90 1 2)", (2, 2), []),
         ("skewX(45)", (2, 1), []),
-        ("matrix(1,2,3,4,5,6)", (9, 12), []),  # here commas are blanks
+        ("matrix(1,2,3,4,5,6)", (9, 12), []),  # here a comma counts as a blank
         ("matrix(1 2 3 4 5 6)", (9, 12), []),
         ("translate(10 0) scale(2 2)", (12, 2), []),
-        ("translate(10 0),scale(2 2)", (12, 2), []),  # any one character
-        ("translate(10 0)  scale(2 2)", (11, 1), [" scale"]),  # two blanks: no such function
-        ("translate(10 0)scale(2 2)", (11, 1), ["cale"]),  # none: its first letter is eaten
+        ("translate(10 0),scale(2 2)", (12, 2), []),  # any one character separates functions
+        ("translate(10 0)  scale(2 2)", (11, 1), [" scale"]),  # the second blank is in the name
+        ("translate(10 0)scale(2 2)", (11, 1), ["cale"]),  # the first letter is the separator
         (" translate(10 0)", (1, 1), [" translate"]),
     ],
 )
@@ -189,7 +189,7 @@ ALIGNMENTS = [(x, y) for x in ("Min", "Mid", "Max") for y in ("Min", "Mid", "Max
 @pytest.mark.parametrize(("x", "y"), ALIGNMENTS)
 @pytest.mark.parametrize("how", ["meet", "slice"])
 def test_preserve_aspect_ratio_by_hand(x, y, how):
-    """A box 10 x 20 at (5, 6) in a viewport 60 wide and 40 high: factors 6 and 2."""
+    """A viewBox 10 x 20 at (5, 6) in a viewport 60 wide and 40 high has scales 6 and 2."""
     map3 = view_box.fit(Box(5.0, 6.0, 10.0, 20.0), 40.0, 60.0, f"x{x}Y{y} {how}")
     share = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
     factor = 2.0 if how == "meet" else 6.0
@@ -225,7 +225,7 @@ def test_course_view_has_its_closed_form(height, width, tall, wide):
 
 
 def size_of(css=None, **attributes):
-    """The size of a root, by values of CSS from the highest rank down, and by attributes."""
+    """The size of a root element, from CSS values, highest rank first, and from attributes."""
     css = css or {}
     outranked = {name: values[:0:-1] for name, values in css.items()}
     highest = {name: values[0] for name, values in css.items()}
@@ -249,14 +249,14 @@ def test_document_sizes_by_hand():
 
 def test_css_outranks_the_size_in_attributes():
     css = {"width": ["3em"], "height": ["12"]}
-    # The height has no unit, so that the attribute counts.
+    # The height in CSS has no unit and is invalid, so the attribute counts.
     assert size_of(css, width="20", height="10") == (10, 48)
     assert size_of({"width": ["-5px", "7px"], "height": ["0px", "2q#"]}, height="10") == (10, 7)
     box = "0 0 30 40"
     assert size_of({"width": ["auto"]}, viewBox=box, width="60", height="20") == (20, 15)
     assert size_of({"width": ["100%"]}, viewBox=box, width="60") == (40, 30)
     assert size_of({"width": ["50%"]}, viewBox=box, width="60", height="9") == (9, 15)
-    # Without a viewBox, there is nothing that they are relative to.
+    # Without a viewBox, percentages are relative to nothing, and the attributes count.
     assert size_of({"width": ["50%"], "height": ["auto"]}, width="60", height="9") == (9, 60)
 
 

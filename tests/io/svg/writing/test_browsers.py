@@ -1,4 +1,7 @@
-"""Fallbacks for browsers in written drawings: seams, gradients, and that readers skip them."""
+"""Fallbacks for browsers in written drawings: no seams, gradients for corner colours.
+
+The package's own reader ignores them.
+"""
 
 import warnings
 import xml.etree.ElementTree as ElementTree
@@ -57,7 +60,7 @@ def test_colours_along_one_direction_are_one_gradient(tmp_path):
     definitions, path, colortri = write(tmp_path / "a.svg", SQUARE[:1], colors)
     assert [e.tag for e in (definitions, path, colortri)] == ["defs", "path", "colortri"]
     (gradient,) = definitions
-    # From the edge x = 0 to the corner x = 9, less the inset.
+    # The gradient runs from the edge at x = 0 to the corner at x = 9, less the inset.
     ends = [float(gradient.attrib[name]) for name in ("x1", "y1", "x2", "y2")]
     np.testing.assert_allclose(ends, [0.3, ends[1], 8.7, ends[1]], atol=1e-3)
     assert path.get("fill") == f"url(#{gradient.get('id')})"
@@ -80,7 +83,7 @@ def test_two_gradients_reach_colours_of_rank_two():
     error = np.abs(fit.shown - colors).max(axis=(1, 2))
     assert fit.has_second.mean() > 0.5
     assert error[~fit.has_second].max() <= VISIBLE
-    # The second gradient is exact over the mean colour, not quite over the first gradient.
+    # The second gradient would be exact over the mean colour, and is nearly so over the first one.
     assert np.median(error[fit.has_second]) < 0.03
 
 

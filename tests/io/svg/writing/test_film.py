@@ -1,4 +1,4 @@
-"""Animated SVG files of films."""
+"""Films are written as animated SVG files."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -11,7 +11,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def film(frames: int) -> list[sr.Scene]:
-    """A triangle that moves right and turns from red to blue, and one that stands still."""
+    """Frames of one triangle that moves right and changes from red to blue, and of a still one."""
     return [
         sr.Scene.from_soup(
             [[[k, 0], [k + 5, 0], [k, 5.25]], [[1, 1], [2, 1], [1, 2]]],

@@ -1,4 +1,4 @@
-"""`write_svg`: every float32 is read back, browsers have fallbacks, and errors are one line."""
+"""`write_svg`: every float32 is read back exactly, browsers have fallbacks, errors are one line."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -23,7 +23,7 @@ def floats(values) -> np.ndarray:
 
 
 def soup(count: int, *shape: int, background=None) -> sr.Scene:
-    """Triangles with full float32 mantissas, some off the canvas."""
+    """Triangles whose floats need all digits of float32, some off the canvas."""
     corners = ((RNG.random((count, 3, 2)) * 1.4 - 0.2) * 90).astype(np.float32)
     return sr.Scene.from_soup(
         corners, RNG.random((count, *shape)).astype(np.float32), background=background
@@ -31,7 +31,7 @@ def soup(count: int, *shape: int, background=None) -> sr.Scene:
 
 
 def textured(colors=None, **options) -> sr.Scene:
-    """Two textured triangles around a plain one."""
+    """A scene of three triangles: two with textures, and one without between them."""
     images = [
         RNG.integers(0, 256, (3, 5, 3)).astype(np.float32) / np.float32(255),
         RNG.random((4, 4, 3)).astype(np.float32),
@@ -199,13 +199,13 @@ def test_textures_are_written_beside_the_drawing(tmp_path):
     index = np.asarray(scene.texture_index)
     np.testing.assert_array_equal(np.asarray(read.texture_index) >= 0, index >= 0)
     np.testing.assert_array_equal(np.asarray(read.uv)[index >= 0], np.asarray(scene.uv)[index >= 0])
-    # The texture of triangle 2 is of bytes and exact, that of triangle 0 is rounded to 16 bits.
+    # The texture of triangle 2 holds bytes and is exact. For triangle 0, it is rounded to 16 bits.
     np.testing.assert_array_equal(base_level(read, 2), base_level(scene, 2))
     np.testing.assert_allclose(base_level(read, 0), base_level(scene, 0), atol=0.6 / 65535)
 
 
 def base_level(scene: sr.Scene, triangle: int) -> np.ndarray:
-    """The texels of a triangle's texture, whose index may change by writing and reading."""
+    """The texels of a triangle's texture. Its index may change by writing and reading."""
     assert scene.textures is not None and scene.texture_index is not None
     index = int(scene.texture_index[triangle])
     offset, height, width = np.asarray(scene.textures.levels)[index, 0].tolist()

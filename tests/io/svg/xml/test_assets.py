@@ -1,4 +1,4 @@
-"""Images and textures of drawings: which files are read, which are refused, and what is drawn."""
+"""Images and textures in drawings: which files are read or refused, and what is drawn."""
 
 import base64
 import zlib
@@ -18,7 +18,7 @@ PIXELS[..., 3] = [[255, 128, 0], [255, 255, 255]]
 
 
 def png_of(pixels):
-    """A PNG file of bytes `[height, width, 3 or 4]`."""
+    """A PNG file with these pixels, bytes `[height, width, 3 or 4]`."""
     height, width, channels = pixels.shape
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
     return png(height, width, zlib.compress(rows), channels=channels)
@@ -30,7 +30,7 @@ def embedded(pixels):
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder: `scenes/` with the scene and images, `img/` beside it, and a file above."""
+    """A folder with `scenes/` (a scene and images), `img/` beside it, and a file above both."""
     (tmp_path / "scenes").mkdir()
     (tmp_path / "img").mkdir()
     (tmp_path / "scenes" / "a.png").write_bytes(png_of(PIXELS))
@@ -59,7 +59,7 @@ def textures(scene):
 
 
 def premultiplied(pixels):
-    """RGBA bytes as the texels of a pyramid."""
+    """Convert RGBA bytes to the premultiplied texels of a pyramid."""
     image = pixels / np.float32(255)
     return np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
 
@@ -84,7 +84,7 @@ def test_textri_has_its_uv_and_texture(folder):
 def test_course_textures_have_no_alpha_and_corner_addressing(folder):
     scene = read(folder, textri("a.png"), dialect="course", frame=False)
     assert textures(scene).addressing == "corners"
-    assert scene.colors.shape == (1, 1, 3)  # alpha is dropped, not multiplied
+    assert scene.colors.shape == (1, 1, 3)  # alpha is dropped, not multiplied in
     np.testing.assert_array_equal(base(scene), PIXELS[..., :3] / np.float32(255))
 
 
@@ -126,12 +126,12 @@ def test_linear_textures_are_decoded_once(folder):
 
 
 def test_images_have_their_proportions(folder):
-    """3 x 2 texels in 30 x 40 px are drawn as 30 x 20 in the middle."""
+    """An image of 3 x 2 texels in a box of 30 x 40 px is drawn as 30 x 20 px in its middle."""
     image = '<image x="10" y="20" width="30" height="40" href="a.png" {}/>'
     scene = read(folder, image.format(""))
     assert corners_of(scene).reshape(-1, 2).min(axis=0).tolist() == [10, 30]
     assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [40, 50]
-    # Four triangles around an inner point, as the image is translucent, with uv to match.
+    # A translucent image is drawn as four triangles around an inner point, with matching uv.
     assert corners_of(scene).shape == (4, 3, 2)
     np.testing.assert_allclose(
         np.asarray(scene.uv), (corners_of(scene) - [10, 30]) / [30, 20], atol=1e-6
@@ -184,7 +184,11 @@ def test_embedded_images_are_read():
 
 
 def test_course_images_by_hand():
-    """Points of whole pixels; texel positions are u (w - 1), u = (x + .5 - p0) / (p1 - p0 + 1)."""
+    """Images are drawn in whole pixels.
+
+    Pixel x shows the texel at u (w - 1), for u = (x + 0.5 - p0) / (p1 - p0 + 1), where p0 and p1
+    are the first and last pixel, and w the width of the image in texels.
+    """
     pixels = np.zeros((1, 2, 3), np.uint8)
     pixels[0, 1] = 255
     text = (
@@ -198,7 +202,7 @@ def test_course_images_by_hand():
     np.testing.assert_allclose(np.asarray(scene.colors)[::2, 0, 0], [0.125, 0.375, 0.625, 0.875])
     mirrored = text.replace('width="3"', 'width="-3"')
     assert parse_svg(mirrored, dialect="course", frame=False).triangles.size == 0
-    # Off the canvas nothing, and equal neighbours are one rectangle.
+    # Nothing is drawn off the canvas, and equal neighbouring pixels are one rectangle.
     black = text.replace(embedded(pixels), embedded(pixels * 0)).replace('x="2"', 'x="-2"')
     scene = parse_svg(black, dialect="course", frame=False, transform=np.eye(3))
     assert corners_of(scene).reshape(-1, 2).max(axis=0).tolist() == [2, 3]
@@ -237,7 +241,7 @@ def test_images_that_cannot_be_read_are_left_out(folder):
             scene = read(folder, images + rect)
         assert scene.textures is None
         assert scene.triangles.shape == (2, 3)
-        # Textures are the course's, and refused as it does.
+        # Textured triangles belong to the course's dialect, and are refused as in it.
         with pytest.raises(ValueError, match=r"s\.svg:2: <text"):
             read(folder, textri(name))
 

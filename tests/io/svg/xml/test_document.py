@@ -1,4 +1,4 @@
-"""Hostile, broken and large XML is refused in one line with the line number."""
+"""Hostile, broken and too large XML is refused in one line, with the line number."""
 
 import gzip
 
@@ -24,7 +24,7 @@ def test_nested_entities_are_refused():
     entities = "".join(
         f'<!ENTITY l{i} "{"&l" + str(i - 1) + ";" if i else "lol"}">\n' * 1 for i in range(9)
     )
-    # The first refers to nothing; the second, on the next line, refers to it.
+    # The first entity refers to nothing. The second, on the next line, refers to the first.
     assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", ":3: .*entity")
     for dialect in ("svg", "course"):
         assert_refused(f"<!DOCTYPE svg [\n{entities}]>{HEAD}&l8;</svg>", "entity", dialect=dialect)
@@ -41,7 +41,7 @@ def test_entities_are_refused(declaration):
 
 
 def test_short_texts_are_read_as_entities_outside_of_the_course():
-    """Drawing programs declare them for namespaces."""
+    """Drawing programs declare such entities for namespaces."""
     text = f'<!DOCTYPE svg [<!ENTITY x "5">]>{HEAD}<rect width="&x;" height="5"/></svg>'
     assert float(np.asarray(parse_svg(text).positions).max()) == 5
     assert_refused(text, "<svg>:1: .*entity", dialect="course")
@@ -262,7 +262,7 @@ def test_strokes_behind_a_projection_are_refused():
 
 
 def polygons(count: int) -> tuple[str, np.ndarray]:
-    """A drawing of triangles of different colours, and their corners."""
+    """A drawing of `count` triangles in different colours, and their corners."""
     rng = np.random.default_rng(0)
     corners = (rng.random((count, 1, 2)) * 1000 + rng.random((count, 3, 2)) * 20).round(2)
     colors = (rng.random((count, 3)) * 100).round(4)
