@@ -36,7 +36,7 @@ def advance_fits(
     for fit in fits:
         _update_colors(fit)
     first, solver = fits[0], fits[0].request.solver
-    reached = [fit.progress.y for fit in fits]
+    reached = [(fit.progress.y, fit.data) for fit in fits]
     for _ in range(_MAX_ATTEMPTS):
         if len(fits) == 1 and devices is None:
             chunks = [
@@ -54,7 +54,7 @@ def advance_fits(
             for fit, chunk in zip(fits, chunks, strict=True):
                 fit.progress, fit.image = chunk.progress, np.asarray(chunk.aux[0])
             return [np.asarray(chunk.losses) for chunk in chunks]
-        reached += [chunk.progress.y for chunk in chunks]
+        reached += [(chunk.progress.y, fit.data) for fit, chunk in zip(fits, chunks, strict=True)]
         residual, steps = first.replan(reached), max(1, steps // 2)
         for fit in fits:
             fit.residual = residual

@@ -9,7 +9,7 @@ To add a family, write an `AbstractFit`, and add a row to `traits.TRAITS` and `f
 """
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -37,8 +37,8 @@ class FitRequest(NamedTuple):
     - `resume_state`: the arrays of the fit to be resumed, or None for a new fit. The constructor
       takes from it what fixes the shapes of the fit (for a mesh, the mesh itself);
       `AbstractFit.restore_family_state` restores the other values later.
-    - `must_start()`: returns whether the time for the search for a start is used up, so that steps
-      must begin.
+    - `must_start()`: returns whether the search for a start must end, because its share of the time
+      is over.
     - `masks`: which `"vertices"` and `"triangles"` are frozen, by these names; a name that the
       option `freeze` does not mention is absent.
     """
@@ -154,10 +154,13 @@ class AbstractFit(abc.ABC):
         """
 
     @abc.abstractmethod
-    def replan(self, reached: list[Any]) -> Residual:
+    def replan(self, reached: Sequence[tuple[Any, Any]]) -> Residual:
         """Return a residual whose plan has capacity for the scenes of all unknowns in `reached`.
 
         The fit itself does not change.
+
+        `reached`: pairs of unknowns and the `data` of the fit that they are from. That may be
+        another fit of a batch, whose frozen values and background differ.
         """
 
     @abc.abstractmethod

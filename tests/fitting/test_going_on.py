@@ -56,9 +56,9 @@ def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
     assert result.psnr > 10
 
 
-@pytest.mark.slow
-def test_a_batch_that_exceeds_its_plans_makes_others(monkeypatch):
-    """The first plan of each fit is that of an empty scene."""
+@pytest.fixture
+def plans_too_small(monkeypatch) -> list[int]:
+    """Make the first two plans those of an empty scene; returns one entry for each plan made."""
     plans = []
     plan_of = LayersFit._plan
 
@@ -69,11 +69,36 @@ def test_a_batch_that_exceeds_its_plans_makes_others(monkeypatch):
         return _plan_of_no_triangles(self, plan_of)
 
     monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
+    return plans
+
+
+@pytest.mark.slow
+def test_a_batch_that_exceeds_its_plans_makes_others(plans_too_small):
+    plans = plans_too_small
     many = sr.fit_batch([TARGET, TARGET[::-1]], triangles=600, steps=6)
     assert len(plans) > 2
     for result in many:
         assert result.history[-1].steps == 6
         assert result.psnr > 10
+
+
+@pytest.mark.slow
+def test_a_larger_plan_holds_frozen_triangles_of_every_picture(plans_too_small):
+    """Frozen triangles of the second picture lie in one tile, those of the first are spread."""
+    count = 600
+    rng = np.random.default_rng(0)
+    triangle, colors = rng.normal(size=(count, 3, 2)), rng.random((count, 3))
+    spread = rng.uniform(0, [TARGET.shape[1], TARGET.shape[0]], (count, 1, 2))
+    starts = [
+        sr.Scene.from_soup(centers + triangle, colors) for centers in (spread, np.array([20.0, 20]))
+    ]
+    many = sr.fit_batch(
+        [TARGET, TARGET], triangles=count, start=starts, freeze="positions", steps=2
+    )
+    assert len(plans_too_small) > 2
+    for result, start in zip(many, starts, strict=True):
+        assert result.history[-1].steps == 2
+        np.testing.assert_allclose(result.scene.positions, start.positions, atol=1e-4)
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ The arrays have one length for the whole fit: `spare` makes them. `schedule` say
 are added and exchanged.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -243,12 +244,13 @@ class LayersFit(AbstractFit):
         y = best_colors(self.residual, y, self.data, loss.light)
         self._go_to(y)
 
-    def replan(self, reached: list[LayersUnknowns]) -> LayersResidual:
+    def replan(self, reached: Sequence[tuple[LayersUnknowns, LayersData]]) -> LayersResidual:
         """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
 
-        It also has capacity for the likely scene.
+        It also has capacity for the likely scene. `reached`: pairs of unknowns and the data of the
+        fit that they are from.
         """
-        scenes = [layers_scene(self._with_frozen_values(y), self.data.background) for y in reached]
+        scenes = [layers_scene(with_frozen(y, data.frozen), data.background) for y, data in reached]
         return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:

@@ -6,6 +6,7 @@ as many are inserted where they lower it most. The number of vertices does not c
 compiled program can be reused.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -326,9 +327,12 @@ class MeshFit(AbstractFit):
         progress = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(progress)
 
-    def replan(self, reached: list[MeshUnknowns]) -> MeshResidual:
-        """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`."""
-        plan = self._plan([mesh_scene(y, self.data) for y in reached])
+    def replan(self, reached: Sequence[tuple[MeshUnknowns, MeshData]]) -> MeshResidual:
+        """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
+
+        `reached`: pairs of unknowns and the data of the fit that they are from.
+        """
+        plan = self._plan([mesh_scene(y, data) for y, data in reached])
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:
