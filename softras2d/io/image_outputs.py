@@ -28,10 +28,11 @@ def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
     """
     height, width, channels = shape
     spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
-    if draft.suffix != ".exr":
+    suffix = draft.suffix.lower()
+    if suffix != ".exr":
         # Without this, OpenImageIO assumes premultiplied colours and divides them by alpha.
         spec.attribute("oiio:UnassociatedAlpha", 1)
-    if draft.suffix in (".jpg", ".jpeg"):
+    if suffix in (".jpg", ".jpeg"):
         spec.attribute("compression", "jpeg:95")
         spec.attribute("jpeg:subsampling", "4:4:4")
     return spec
@@ -40,7 +41,7 @@ def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
 def open_output(draft: Path, path: Path, spec: Any) -> Any:
     """Open `draft` for writing an image; returns OpenImageIO's `ImageOutput`.
 
-    Raises `ValueError`, which calls the file `path`.
+    Raises `ValueError`, whose message names `path`, not `draft`.
     """
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
@@ -65,7 +66,7 @@ def _is_complete(draft: Path) -> bool:
 
     OpenImageIO does not report a full disk while it writes a PNG.
     """
-    if draft.suffix != ".png":
+    if draft.suffix.lower() != ".png":
         return True
     with draft.open("rb") as file:
         file.seek(max(0, draft.stat().st_size - 8))

@@ -314,7 +314,8 @@ def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
 def _save(draft: Path, path: Path, pixels: np.ndarray) -> None:
     """Write pixels, as `stored_pixels` returns them, to `draft` in the format of its suffix.
 
-    Raises `ValueError`, which calls the file `path`.
+    `draft` is the file beside `path` that will replace it (`drafts.atomic_file`). Raises
+    `ValueError`, whose message names `path`, not `draft`.
     """
     height, width, channels = pixels.shape
     check_free_space(draft, path, pixels.nbytes)

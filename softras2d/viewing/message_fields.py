@@ -1,8 +1,8 @@
-"""Reads the fields of a message, which may hold anything, into a frozen dataclass."""
+"""Reads the fields of a message from a page, which may hold anything, into a dataclass."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
 from ..names import check_name
@@ -11,19 +11,28 @@ T = TypeVar("T")
 
 
 def read_fields(kind: type[T], message: Any) -> T:
-    """Make a dataclass of type `kind`, of numbers and strings, from a message.
+    """Make a dataclass of type `kind` from a message, an object that was decoded from JSON.
 
-    A field that is missing in the message gets its default. Raises `ValueError`, which names the
-    field, for a value of another type than annotated, for NaN and infinity, and for a field that
-    the dataclass does not have.
+    Each field of the dataclass must be annotated as `int`, `float` or a `Literal` of strings. A
+    whole number fits both `int` and `float`, also if it was sent as 5.0.
+
+    A field that the message lacks gets its default. Raises `ValueError`, one line, for a message
+    that is no object, and, naming the field, for a field without a value and default, for a field
+    that the dataclass does not have, and for a value that does not fit, is NaN or infinite. The
+    dataclass may refuse values itself.
     """
     if not isinstance(message, Mapping):
         raise ValueError(f"{kind.__name__} must be an object; got {type(message).__name__}.")
-    known: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # pyright: ignore
+    known = {field.name: field for field in fields(kind)}  # pyright: ignore
     for name in message:
         if name not in known:
             raise ValueError(f"{kind.__name__} has no field {str(name)[:40]!r}.")
-    return kind(**{name: read_value(name, known[name], value) for name, value in message.items()})
+    for name, field in known.items():
+        if name not in message and field.default is MISSING:
+            raise ValueError(f"{kind.__name__} needs the field {name!r}.")
+    return kind(
+        **{name: read_value(name, known[name].type, value) for name, value in message.items()}
+    )
 
 
 def read_value(name: str, expected: Any, value: Any) -> Any:

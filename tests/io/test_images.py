@@ -94,6 +94,17 @@ def test_jpeg_is_nearly_the_image(tmp_path):
     assert np.abs(read_image(tmp_path / "image.jpg") - image).max() < 0.03
 
 
+@pytest.mark.parametrize("suffix", WRITABLE)
+def test_suffixes_in_capitals_mean_the_same(tmp_path, suffix):
+    image = random_image(height=8, width=8)
+    if suffix not in (".jpg", ".jpeg"):
+        image = np.concatenate([image, image[..., :1]], axis=-1)
+    write_image(tmp_path / f"image{suffix}", image)
+    write_image(tmp_path / f"IMAGE{suffix.upper()}", image)
+    in_capitals = read_image(tmp_path / f"IMAGE{suffix.upper()}")
+    np.testing.assert_array_equal(in_capitals, read_image(tmp_path / f"image{suffix}"))
+
+
 def test_srgb_curve_by_hand_and_its_inverse():
     # IEC 61966-2-1: 0.5 in sRGB is 0.21404 in linear light; the linear piece ends at 0.04045.
     assert srgb_to_linear(np.array([0.5], np.float32))[0] == pytest.approx(0.21404114, abs=1e-7)
