@@ -1,7 +1,7 @@
 """Tile lists of different lengths as dense arrays, in two layouts.
 
 *Chunks* cut each tile's list into pieces of a few slots. A *slot* holds one entry of the list, a
-triangle in a tile, or is empty. All chunks are computed at once, as an array `[chunks, layers]`,
+triangle in a tile, or is empty. All chunks are computed at once, as an array `[chunks, slots]`,
 whose second axis counts the slots of a chunk.
 
 *Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`
@@ -40,9 +40,9 @@ class Chunks(NamedTuple):
     - `most_in_tile`: the greatest entry of `count`.
     """
 
-    triangle: Int[Array, "chunks layers"]
-    filled: Bool[Array, "chunks layers"]
-    entry: Int[Array, "chunks layers"]
+    triangle: Int[Array, "chunks slots"]
+    filled: Bool[Array, "chunks slots"]
+    entry: Int[Array, "chunks slots"]
     tile: Int[Array, " chunks"]
     index: Int[Array, " chunks"]
     first: Int[Array, " tiles"]
@@ -52,11 +52,12 @@ class Chunks(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps through the tile lists, block after block; a step visits one entry of each list.
+    """Steps through the tile lists, block after block; a step visits an entry of each tile's list.
 
-    - `block`, `position`: index of the block of each step, and how many entries of each of the
-      block's lists were visited before it. Lists that have no more entries are not visited. The
-      caller decides from which end of the lists it counts.
+    - `block`, `position`: index of the block of each step, and the position, from 0, of the entries
+      that the step visits in the lists of the block's tiles. The caller chooses the end of a list
+      from which positions count, and must leave out lists that are not longer than `position`.
+      Steps beyond `needed` name the last block at positions past the end of all of its lists.
     - `tile`, `start`, `count`: index of each tile of a block, and the first entry and the length of
       its list in `TileLists`. The last block is padded with tile 0 and a length of 0.
     - `slot`: index at which each tile stands in the flattened `tile`. It has nothing to do with the
@@ -74,22 +75,22 @@ class Steps(NamedTuple):
     needed: Int[Array, ""]
 
 
-def cut_chunks(lists: TileLists, *, layers: int, capacity: int) -> Chunks:
-    """Cut every tile's list into chunks of `layers` slots, in arrays of `capacity` chunks.
+def cut_chunks(lists: TileLists, *, slots_per_chunk: int, capacity: int) -> Chunks:
+    """Cut every tile's list into chunks of `slots_per_chunk` slots, in arrays of `capacity` chunks.
 
     If more than `capacity` chunks are needed, triangles are missing (`Chunks.needed`).
     """
     count, tile, index, first, total = materialized(
-        functools.partial(_count_chunks, layers=layers, capacity=capacity)
+        functools.partial(_count_chunks, slots_per_chunk=slots_per_chunk, capacity=capacity)
     )(lists.count)
-    triangle, filled, entry = materialized(functools.partial(_fill_slots, layers=layers))(
-        lists, tile, index, total
-    )
+    triangle, filled, entry = materialized(
+        functools.partial(_fill_slots, slots_per_chunk=slots_per_chunk)
+    )(lists, tile, index, total)
     return Chunks(triangle, filled, entry, tile, index, first, count, total, jnp.max(count))
 
 
 def _count_chunks(
-    list_length: Int[Array, " tiles"], *, layers: int, capacity: int
+    list_length: Int[Array, " tiles"], *, slots_per_chunk: int, capacity: int
 ) -> tuple[
     Int[Array, " tiles"],
     Int[Array, " chunks"],
@@ -101,7 +102,7 @@ def _count_chunks(
 
     `list_length` is the number of triangles listed for each tile.
     """
-    count = -(-list_length // layers)
+    count = -(-list_length // slots_per_chunk)
     tile, index = expand(count, capacity)
     total = jnp.sum(count, dtype=jnp.int32)
     return count, tile, index, cumulative_sum(count) - count, total
@@ -113,33 +114,33 @@ def _fill_slots(
     index: Int[Array, " chunks"],
     total: Int[Array, ""],
     *,
-    layers: int,
-) -> tuple[Int[Array, "chunks layers"], Bool[Array, "chunks layers"], Int[Array, "chunks layers"]]:
+    slots_per_chunk: int,
+) -> tuple[Int[Array, "chunks slots"], Bool[Array, "chunks slots"], Int[Array, "chunks slots"]]:
     """Compute the fields `triangle`, `filled` and `entry` of `Chunks`.
 
     `total` is the number of chunks that are needed; later ones have empty slots.
     """
-    position = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
+    position = index[:, None] * slots_per_chunk + jnp.arange(slots_per_chunk, dtype=jnp.int32)[None]
     is_used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
     filled = is_used[:, None] & (position < lists.count[tile][:, None])
     entry = jnp.where(filled, lists.start[tile][:, None] + position, 0)
     return jnp.where(filled, lists.triangle.at[entry].get(mode="clip"), 0), filled, entry
 
 
-def chunks_of_all(triangles: int, tiles: int, *, layers: int) -> Chunks:
+def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks:
     """Make the chunks of tiles that all list every triangle (`tiles.list_every_triangle`).
 
     - `triangles`, `tiles`: the number of both.
-    - `layers`: number of slots of a chunk.
+    - `slots_per_chunk`: number of slots of a chunk.
 
     If the triangles do not fill a tile's chunks, the first slots stay empty, and not the last:
     triangles that `pad` appends then fill chunks of their own, and change no sum.
     """
-    per_tile = -(-triangles // layers)
+    per_tile = -(-triangles // slots_per_chunk)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
     tile, index = number // per_tile, number % per_tile
-    slot = index[:, None] * layers + jnp.arange(layers, dtype=jnp.int32)[None]
-    triangle = per_tile * layers - 1 - slot
+    slot = index[:, None] * slots_per_chunk + jnp.arange(slots_per_chunk, dtype=jnp.int32)[None]
+    triangle = per_tile * slots_per_chunk - 1 - slot
     filled = triangle < triangles
     return Chunks(
         triangle=jnp.where(filled, triangle, 0),

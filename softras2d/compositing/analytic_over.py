@@ -33,9 +33,9 @@ State = TypeVar("State")
 Index = Int[Array, ""] | int
 """Number of a chunk in its tile, from 0, or the difference of two such numbers."""
 
-Opacities = Float[Array, "chunks layers pixels"]
-Colors = Float[Array, "chunks layers 3 #pixels"]
-Channel = Float[Array, "chunks layers #pixels"]
+Opacities = Float[Array, "chunks slots pixels"]
+Colors = Float[Array, "chunks slots 3 #pixels"]
+Channel = Float[Array, "chunks slots #pixels"]
 ChunkPixels = Float[Array, "chunks pixels"]
 TileColors = Float[Array, "4 tiles pixels"]
 
@@ -50,8 +50,8 @@ _UNROLLED = 16
 
 
 def composite(
-    opacity: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
     chunks: Chunks,
     *,
     max_chunks: int,
@@ -358,16 +358,20 @@ def _slot_cotangents(
     `in_front` is the transmittance in front of each chunk. `behind` is as returned by
     `_dot_behind`.
     """
-    layers = opacity.shape[1]
+    slots_per_chunk = opacity.shape[1]
     front, back = [in_front], [behind]
-    for k in range(layers - 1):
+    for k in range(slots_per_chunk - 1):
         front.append(front[-1] * (1.0 - opacity[:, k]))
-    for k in range(layers - 1, 0, -1):
+    for k in range(slots_per_chunk - 1, 0, -1):
         back.append(opacity[:, k] * color_dots[:, k] + (1.0 - opacity[:, k]) * back[-1])
     valid = (jnp.arange(chunks.tile.shape[0], dtype=jnp.int32) < chunks.needed)[:, None]
     back = back[::-1]
     return jnp.stack(
-        [jnp.where(valid, front[k] * (color_dots[:, k] - back[k]), 0.0) for k in range(layers)], 1
+        [
+            jnp.where(valid, front[k] * (color_dots[:, k] - back[k]), 0.0)
+            for k in range(slots_per_chunk)
+        ],
+        1,
     )
 
 

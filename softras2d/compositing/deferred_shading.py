@@ -25,7 +25,7 @@ from .opaque import Packing
 def sum_shaded(
     surface: Surface,
     fragments: Fragments,
-    covered: UInt32[Array, "chunks layers rows"],
+    covered: UInt32[Array, "chunks slots rows"],
     chunks: Chunks,
     tiling: Tiling,
     *,
@@ -35,9 +35,10 @@ def sum_shaded(
 
     The result is in the layout of unpacked arrays (`opaque.Packing`).
 
-    - `fragments`: list of the visible fragments, a triangle in a pixel.
+    - `fragments`: the visible fragments. Each is a pair of a triangle and a pixel that shows it.
     - `covered`: coverage words of the samples that each slot covers, visible or not. They are used
-      only if `shading` is `"pixel"`.
+      only if `shading` is `"pixel"`, where a triangle is shaded at the centroid of the samples of
+      the pixel that it covers.
     - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
       fragment for all of its samples.
     """

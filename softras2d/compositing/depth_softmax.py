@@ -26,9 +26,9 @@ which a triangle is ignored."""
 
 
 def mix(
-    opacity: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
-    depth: Float[Array, "chunks layers pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
+    depth: Float[Array, "chunks slots pixels"],
     temperature: Float[Array, ""],
     chunks: Chunks,
     *,
@@ -55,9 +55,9 @@ def mix(
 
 @materialized
 def _sum_weighted(
-    opacity: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
-    depth: Float[Array, "chunks layers pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
+    depth: Float[Array, "chunks slots pixels"],
     temperature: Float[Array, ""],
     nearest: Float[Array, "tiles pixels"],
     reference: list[Float[Array, "tiles pixels"]],
@@ -110,9 +110,9 @@ def _divide_by_weight(
 
 
 def _nearest(
-    opacity: Float[Array, "chunks layers pixels"],
-    depth: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    depth: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
     chunks: Chunks,
 ) -> tuple[Float[Array, "tiles pixels"], list[Float[Array, "tiles pixels"]]]:
     """Find the depth and colour of the nearest triangle at each pixel; 0 where there is none.
@@ -126,9 +126,9 @@ def _nearest(
 
 @materialized
 def _nearest_of_chunk(
-    opacity: Float[Array, "chunks layers pixels"],
-    depth: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    depth: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
 ) -> tuple[Float[Array, "chunks pixels"], list[Float[Array, "chunks pixels"]]]:
     """Find the depth and colour of the nearest slot of each chunk that has an opacity above 0.
 

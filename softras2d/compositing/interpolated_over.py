@@ -240,7 +240,7 @@ def _slot_cotangents(
     The rows are six for the positions if `moves`, then nine for the colours if `recolors`.
     `slot_weights` is T a of each slot at each pixel, 0 where it adds nothing.
     """
-    layers = slot_weights.shape[1]
+    slots_per_chunk = slot_weights.shape[1]
     slot_weights = slot_weights.reshape(-1, slot_weights.shape[2])
     rows = 6 * moves + 9 * recolors
 
@@ -248,7 +248,7 @@ def _slot_cotangents(
         block: Int[Array, " block"], total: Float[Array, "rows slots"]
     ) -> Float[Array, "rows slots"]:
         block_corners, block_geometry = gather_slots((list(corners), geometry), block)
-        tile, block_weights = _gather_block(chunks.tile, slot_weights, block, layers)
+        tile, block_weights = _gather_block(chunks.tile, slot_weights, block, slots_per_chunk)
         weighted_cotangents = _weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
         parts = []
         if moves:
@@ -264,12 +264,12 @@ def _slot_cotangents(
 
 
 def _by_chunk(slots: Any, chunks: Chunks) -> Any:
-    """Reshape arrays `[slots]` to `[chunks, layers]`."""
+    """Reshape arrays `[slots]` to `[chunks, slots]`."""
     return jax.tree.map(lambda entry: entry.reshape(chunks.triangle.shape), slots)
 
 
 def _flatten(slots: Any) -> Any:
-    """Reshape arrays `[chunks, layers]` to `[slots]`."""
+    """Reshape arrays `[chunks, slots]` to `[slots]`."""
     return jax.tree.map(lambda entry: entry.reshape(-1), slots)
 
 
@@ -340,23 +340,25 @@ def _dot_interpolated(
     `tile_cotangents` is the cotangent of the tile of each chunk, one array per channel.
     """
     *by_channel, by_alpha = tile_cotangents
-    layers = values[0].shape[0] // by_alpha.shape[0]
+    slots_per_chunk = values[0].shape[0] // by_alpha.shape[0]
     colors = _interpolate(values, corners)
     total = by_alpha[:, None]
     for color, of_channel in zip(colors, by_channel, strict=True):
-        total = total + color.reshape(-1, layers, color.shape[1]) * of_channel[:, None]
+        total = total + color.reshape(-1, slots_per_chunk, color.shape[1]) * of_channel[:, None]
     return total
 
 
-@functools.partial(materialized, static_argnames=("layers",))
+@functools.partial(materialized, static_argnames=("slots_per_chunk",))
 def _gather_block(
     tile: Int[Array, " chunks"],
     slot_weights: Float[Array, "slots pixels"],
     block: Int[Array, " block"],
-    layers: int,
+    slots_per_chunk: int,
 ) -> tuple[Int[Array, " block"], Float[Array, "block pixels"]]:
     """Gather the tile and T a of each slot of a block."""
-    return tile.at[block // layers].get(mode="clip"), slot_weights.at[block].get(mode="clip")
+    return tile.at[block // slots_per_chunk].get(mode="clip"), slot_weights.at[block].get(
+        mode="clip"
+    )
 
 
 @materialized

@@ -147,7 +147,7 @@ def unpack(
 
 
 def sum_flat(
-    sums: SampleSums, colors: Float[Array, "chunks layers channels"], tiling: Tiling
+    sums: SampleSums, colors: Float[Array, "chunks slots channels"], tiling: Tiling
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum the colours of each pixel's visible samples, over the slots of each chunk.
 
@@ -158,8 +158,8 @@ def sum_flat(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _sum_flat(
-    count: UInt32[Array, "chunks layers word_rows"],
-    colors: Float[Array, "chunks layers channels"],
+    count: UInt32[Array, "chunks slots word_rows"],
+    colors: Float[Array, "chunks slots channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum colour times the number of visible samples, `count`, over the slots of each chunk."""
@@ -173,7 +173,7 @@ def _sum_flat(
 def sum_interpolated(
     sums: SampleSums,
     weights: Weights,
-    colors: Float[Array, "chunks layers 3 channels"],
+    colors: Float[Array, "chunks slots 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum the interpolated colours of each pixel's visible samples, over the slots of each chunk.
@@ -199,7 +199,7 @@ def _sum_weights(
     top: Int[Array, "1 1 1 word_rows"],
     tiling: Tiling,
 ) -> tuple[
-    Float[Array, "chunks layers fields word_rows"], Float[Array, "chunks layers fields word_rows"]
+    Float[Array, "chunks slots fields word_rows"], Float[Array, "chunks slots fields word_rows"]
 ]:
     """Sum the weights of corners 1 and 2 over the visible samples of each slot in each pixel.
 
@@ -216,12 +216,12 @@ def _sum_weights(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _sum_corners(
-    count: UInt32[Array, "chunks layers word_rows"],
+    count: UInt32[Array, "chunks slots word_rows"],
     weights: tuple[
-        Float[Array, "chunks layers fields word_rows"],
-        Float[Array, "chunks layers fields word_rows"],
+        Float[Array, "chunks slots fields word_rows"],
+        Float[Array, "chunks slots fields word_rows"],
     ],
-    colors: Float[Array, "chunks layers 3 channels"],
+    colors: Float[Array, "chunks slots 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum corner colours times the sums of their weights, over the slots of each chunk.

@@ -39,7 +39,8 @@ class ClippedEdge(NamedTuple):
     """An edge clipped to the rows of a slot's tile, in pixels from the tile's upper left.
 
     - `x`, `y`: the point at which the clipped edge begins.
-    - `run`, `rise`: the vector from there to the point at which it ends.
+    - `run`, `rise`: the x and the y of the vector from there to the point at which it ends; y, and
+      so `rise`, is positive downwards.
     - `inverse_run`, `inverse_rise`: one over run and rise; 0 where these are 0.
     - `run_per_rise`: run divided by rise; 0 where the rise is 0.
     - `full_run`, `full_rise`: the vector along the whole edge, for derivatives. For an unsigned
@@ -68,8 +69,8 @@ Outline = tuple[ClippedEdge, ClippedEdge, ClippedEdge]
 class AreaCoverage(AnalyticCoverage[Outline]):
     """Exact area of a triangle in each pixel; it has no parameter.
 
-    Derivatives are never known to be 0 from the value alone: an edge along the side of a pixel can
-    move into a pixel that is empty or full.
+    `is_flat` never says that derivatives are 0, not even in a pixel that is empty or full, because
+    an edge along the side of the pixel can move into it.
     """
 
     def value(
@@ -127,8 +128,9 @@ def clip_outline(
     - `side`: the side of a tile, in pixels.
     - `signed`: whether areas keep their sign, as in a sum.
 
-    An unsigned area grows to whichever side a collapsed triangle opens, so it has a kink there; its
-    derivative falls to zero with `TriangleLines.thickness`. A `signed` area has no kink.
+    The unsigned area of a triangle that has collapsed to a segment has a kink: it grows, whichever
+    way a corner moves. So that the derivative is continuous, it falls to zero with
+    `TriangleLines.thickness`. A `signed` area has no kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
@@ -160,7 +162,7 @@ def _clip_edge(
     beyond covers nothing in the tile, and far corners are inexact in floats.
     """
     dx, dy = qx - px, qy - py
-    rises, is_sloped = dy != 0, line.normal_x != 0
+    has_height, is_sloped = dy != 0, line.normal_x != 0
     low, high = jnp.minimum(px, qx), jnp.maximum(px, qx)
     ends = []
     for x, y in ((px, py), (qx, qy)):
@@ -169,10 +171,10 @@ def _clip_edge(
             is_sloped, line.normal_x, 1.0
         )
         is_cut = (clamped_y != y) & is_sloped
-        t = jnp.where(rises, (clamped_y - py) / jnp.where(rises, dy, 1.0), 0.0)
+        t = jnp.where(has_height, (clamped_y - py) / jnp.where(has_height, dy, 1.0), 0.0)
         ends.append((jnp.where(is_cut, jnp.clip(on_line, low, high), x), clamped_y, t))
     (ax, ay, start), (bx, by, end) = ends
-    share = jnp.where(rises, end - start, 1.0)
+    share = jnp.where(has_height, end - start, 1.0)
     run, rise = bx - ax, by - ay
     # Here once per slot, because the compiler would divide again for each pixel.
     inverse_run, inverse_rise = (
@@ -245,7 +247,13 @@ def _weighted_lengths(
 
 
 def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
-    """Speed of the start and of the end of edge k along its outward normal, times its length."""
+    """Speed of the start and of the end of an edge along its outward normal, times its length.
+
+    The length is that of the edge before clipping, and is reduced as `ClippedEdge.full_run` is.
+
+    - `edge`: edge `k` of the triangle, from corner k to the next one.
+    - `velocity`: velocities of x and y of corners 0, 1 and 2 in turn.
+    """
     start, end = (
         edge.full_rise * velocity[2 * corner] - edge.full_run * velocity[2 * corner + 1]
         for corner in (k, (k + 1) % 3)

@@ -178,7 +178,8 @@ def depth_at(
 ) -> Float[Array, "*samples"]:
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
-    `sample` is the column and the row on the canvas, one of each for every entry of `triangle`.
+    `sample` is the column and the row in the canvas's grid of samples, one of each for every entry
+    of `triangle`. The depth of a triangle without area is the mean depth of its corners.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]

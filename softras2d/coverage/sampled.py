@@ -151,8 +151,8 @@ def rasterize(
 
 
 def remove_hidden(
-    words: UInt32[Array, "chunks layers rows"], chunks: Chunks, *, max_chunks: int
-) -> tuple[UInt32[Array, "chunks layers rows"], UInt32[Array, "chunks rows"]]:
+    words: UInt32[Array, "chunks slots rows"], chunks: Chunks, *, max_chunks: int
+) -> tuple[UInt32[Array, "chunks slots rows"], UInt32[Array, "chunks rows"]]:
     """Remove from the coverage words of each slot the samples that nearer slots of its tile cover.
 
     Returns the words that are left, and for each chunk the words of all samples that it or the
@@ -169,7 +169,7 @@ def remove_hidden(
 
 
 @materialized
-def _union(words: UInt32[Array, "chunks layers rows"]) -> UInt32[Array, "chunks rows"]:
+def _union(words: UInt32[Array, "chunks slots rows"]) -> UInt32[Array, "chunks rows"]:
     """Join the coverage words of the slots of each chunk by OR."""
     total = words[:, 0]
     for k in range(1, words.shape[1]):
@@ -188,10 +188,10 @@ def _or_before(
 
 @materialized
 def _visible(
-    words: UInt32[Array, "chunks layers rows"],
+    words: UInt32[Array, "chunks slots rows"],
     covered: UInt32[Array, "chunks rows"],
     index: Int[Array, " chunks"],
-) -> UInt32[Array, "chunks layers rows"]:
+) -> UInt32[Array, "chunks slots rows"]:
     """Remove from each slot the samples that earlier chunks of its tile or earlier slots cover.
 
     `covered` has the samples that each chunk and the chunks before it in its tile cover.

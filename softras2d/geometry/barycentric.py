@@ -4,11 +4,11 @@ The three edge values at a point add up to twice the area of the triangle. The r
 value to this sum is the weight of the corner opposite that edge. Edge values and areas are in the
 unit of `fixed_point`.
 
-The weights of corners 1 and 2 are computed from the edge value as an integer (`WrappedValue`),
-rounded to a float once below 2^31 and three times beyond, plus the fraction of the edge value,
-times one reciprocal. So these weights have a relative error of a few roundings, however thin the
-triangle is. The weight of corner 0 is 1 minus the two others, so its absolute error is a few
-roundings of 1.
+The weight of corner 1 or 2 is an edge value times the reciprocal of the sum. The edge value is an
+exact integer (`WrappedValue`) plus a fraction. Converting the integer to a float rounds it once if
+it is below 2^31, and three times otherwise. So these weights have a relative error of a few
+roundings, however thin the triangle is. The weight of corner 0 is 1 minus the two others, so its
+absolute error is a few roundings of 1.
 """
 
 from collections.abc import Callable

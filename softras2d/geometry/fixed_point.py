@@ -2,12 +2,12 @@
 
 A coordinate v in pixels is snapped to the integer n = round(v 2^k), with k the same for every
 number of samples. Every decision about coverage is exact for the snapped triangle. With S samples
-along a pixel, S n is a multiple of 1 / (S 2^k) pixel, and in the same unit sample i lies at
-(2i + 1) 2^(k-1).
+along the side of a pixel, coordinates are counted in units of 1 / (S 2^k) pixel: in this unit the
+snapped coordinate is S n, and the sample in column or row i lies at (2i + 1) 2^(k-1).
 
 The edge function from corner p to corner q, dx (y - p_y) - dy (x - p_x), is positive inside a
 positively oriented triangle. From one sample to the next it changes by dx 2^k down and by -dy 2^k
-right, so its floor after division by 2^k,
+right, so its floor after division by 2^k, at the sample in column i and row j,
 
     e(i, j) = constant - dy i + dx j,
 
@@ -269,9 +269,11 @@ def reorient(
 def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
 
-    `fill_rule` is `Hard.fill_rule`. With `"top_left"`, the exact integer of an edge that does not
-    own its boundary is lowered by 1 before it is divided by 2^k, so that `>= 0` becomes `> 0`. The
-    edge functions of a triangle without area are then -1 everywhere, so that it covers no sample.
+    `fill_rule` is `Hard.fill_rule`. With `"top_left"`, an edge that goes up, or to the right along
+    a row, owns the samples that lie exactly on it. From the edge function of every other edge, an
+    integer, 1 is subtracted before it is divided by 2^k. The samples on the edge, where the
+    function is 0, are then outside. The edge functions of a triangle without area are -1
+    everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = segments[:4]
@@ -286,7 +288,7 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     low_mask = (1 << _LOW) - 1
     high = (dx >> _LOW) * fraction_y - (dy >> _LOW) * fraction_x
     low = (dx & low_mask) * fraction_y - (dy & low_mask) * fraction_x
-    # y points down: a positively oriented triangle lies to the right of an edge that rises.
+    # y points down: a positively oriented triangle lies to the right of an edge that goes up.
     owns_boundary = (dy < 0) | ((dy == 0) & (dx > 0)) | (fill_rule == "inclusive")
     lowered = xp.where(owns_boundary, 0, 1).astype(xp.int32)
     low = low - lowered

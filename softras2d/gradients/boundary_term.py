@@ -1,4 +1,7 @@
-"""The derivative of the hard image with respect to the positions of vertices.
+"""The boundary term: the derivative of the hard image due to edges that move over samples.
+
+It is the derivative with respect to the positions of vertices and, where triangles interpenetrate,
+to their depth (`interpenetration`).
 
 The image is piecewise constant in the positions. Its box-filtered limit is not: when a visible edge
 moves, a pixel gains the colour on one side of the edge and loses the colour on the other side, as
@@ -267,11 +270,11 @@ def _opaque_jumps(
     if samples.depths is not None:
         on_edge = depth_on_edge(samples.depths, crossings.edge, crossings.t)
         edge_triangle = jnp.broadcast_to((crossings.edge // 3)[None], triangle_inside.shape)
-        depth, behind = (
+        continued, visible_outside = (
             depth_at(samples.depths, jnp.maximum(triangle, 0), crossings.outside, tiling)
             for triangle in (edge_triangle, triangle_outside)
         )
-        edge_depths = EdgeDepths(on_edge, depth, behind)
+        edge_depths = EdgeDepths(on_edge, continued, visible_outside)
 
     shows_inside, is_visible = materialized(_find_visible)(
         crossings, triangle_inside, triangle_outside, edge_depths
@@ -296,14 +299,14 @@ class EdgeDepths(NamedTuple):
     """Depths that decide which triangle is in front at each crossing.
 
     - `on_edge`: depth of the edge's triangle, at the crossing.
-    - `outside`: depth of the edge's triangle, its plane continued to the sample outside.
-    - `behind`: depth, at the sample outside, of the triangle that is visible there; it has no
-      meaning where the background is.
+    - `continued`: depth of the edge's triangle, its plane continued to the sample outside.
+    - `visible_outside`: depth, at the sample outside, of the triangle that is visible there; it has
+      no meaning where the background is visible.
     """
 
     on_edge: Float[Array, "lines runs"]
-    outside: Float[Array, "lines runs"]
-    behind: Float[Array, "lines runs"]
+    continued: Float[Array, "lines runs"]
+    visible_outside: Float[Array, "lines runs"]
 
 
 def _find_visible(
@@ -322,13 +325,15 @@ def _find_visible(
     - `depths`: None without depth, where the triangle that is drawn later lies in front.
     """
     triangle = (crossings.edge // 3)[None]
-    shows_inside, is_in_front = triangle_inside == triangle, triangle_outside < triangle
+    shows_inside, is_drawn_later = triangle_inside == triangle, triangle_outside < triangle
     # A triangle too thin to cover either sample: both samples show the same other triangle.
     is_thin = (triangle_inside == triangle_outside) & ~shows_inside
+    is_in_front = is_drawn_later
     if depths is not None:
-        depth = jnp.where(shows_inside, depths.outside, depths.on_edge)
-        is_later = (depth == depths.behind) & is_in_front
-        is_in_front = (triangle_outside < 0) | (depth < depths.behind) | is_later
+        depth = jnp.where(shows_inside, depths.continued, depths.on_edge)
+        is_nearer = depth < depths.visible_outside
+        is_as_near = depth == depths.visible_outside
+        is_in_front = (triangle_outside < 0) | is_nearer | (is_as_near & is_drawn_later)
     is_visible = crossings.valid & (shows_inside | is_thin) & is_in_front
     return crossings.valid & shows_inside, is_visible
 
@@ -341,9 +346,10 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Compute the change of a pixel's colour per pixel by which each edge moves to greater x or y.
+    """Compute how a pixel's colour changes as each edge moves to greater x or y.
 
-    It is 0 where the edge is not visible.
+    The result is the change of colour for a movement by one pixel along the line of samples. It is
+    0 where the edge is not visible.
 
     - `outwards`: as in `Crossings`.
     - `color_inside`: colour of the edge's triangle on the edge.

@@ -78,8 +78,8 @@ class OpaquePairs(PairSearch):
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _candidate_words(
-    visible: UInt32[Array, "chunks layers rows"],
-    covered: UInt32[Array, "chunks layers rows"],
+    visible: UInt32[Array, "chunks slots rows"],
+    covered: UInt32[Array, "chunks slots rows"],
     slot: Int[Array, " slots"],
     *,
     tiling: Tiling,
@@ -107,7 +107,7 @@ def _decode(
     words: UInt32[Array, " words"],
     ends: Int[Array, " words"],
     chunk_tiles: Int[Array, " chunks"],
-    slot_triangles: Int[Array, "chunks layers"],
+    slot_triangles: Int[Array, "chunks slots"],
     slot: Int[Array, " slots"],
     group: Int[Array, ""],
     *,
@@ -125,8 +125,8 @@ def _keep_changed(
     candidates: Candidates,
     before: Int[Array, " lanes"],
     after_slot: Int[Array, " lanes"],
-    slot_triangles: Int[Array, "chunks layers"],
-    covered: UInt32[Array, "chunks layers rows"],
+    slot_triangles: Int[Array, "chunks slots"],
+    covered: UInt32[Array, "chunks slots rows"],
     *,
     tiling: Tiling,
 ) -> tuple[SamplePairs, Int[Array, ""]]:
@@ -143,7 +143,7 @@ def _keep_changed(
 
 
 def _may_cover_first(
-    covered: UInt32[Array, "chunks layers rows"],
+    covered: UInt32[Array, "chunks slots rows"],
     candidates: Candidates,
     after_slot: Int[Array, " lanes"],
     tiling: Tiling,

@@ -189,7 +189,7 @@ class OpaqueSamples(NamedTuple):
     """
 
     front: Front
-    covered: UInt32[Array, "chunks layers rows"]
+    covered: UInt32[Array, "chunks slots rows"]
     edges: Edges
     depths: Depths | None
     colors: SampleColors

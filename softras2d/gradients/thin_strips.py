@@ -181,8 +181,8 @@ def _nearest_other(
         state: tuple[Int[Array, " lanes"], Float[Array, " lanes"]],
         first: Int[Array, " lanes"],
         count: Int[Array, " lanes"],
-        triangles: Int[Array, "chunks layers"],
-        filled: Bool[Array, "chunks layers"],
+        triangles: Int[Array, "chunks slots"],
+        filled: Bool[Array, "chunks slots"],
     ) -> tuple[Int[Array, " lanes"], Float[Array, " lanes"]]:
         nearest, least = state
         slot = jnp.minimum(first + k, triangles.size - 1)
@@ -214,9 +214,9 @@ def _locate_slots(
     chunks: Chunks, sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, " lanes"], Int[Array, " lanes"]]:
     """First slot and number of slots of each sample's tile, as indices of flattened chunks."""
-    layers = chunks.triangle.shape[1]
+    slots_per_chunk = chunks.triangle.shape[1]
     tile = address(sample, tiling)[0]
-    return chunks.first[tile] * layers, chunks.count[tile] * layers
+    return chunks.first[tile] * slots_per_chunk, chunks.count[tile] * slots_per_chunk
 
 
 def _depth_near(

@@ -25,7 +25,7 @@ class Front(NamedTuple):
     - `chunks`: the slots, with their triangles and tiles.
     """
 
-    visible: UInt32[Array, "chunks layers rows"]
+    visible: UInt32[Array, "chunks slots rows"]
     covered_so_far: UInt32[Array, "chunks rows"]
     chunks: Chunks
 
@@ -57,14 +57,16 @@ def slot_at(
     Slots are numbered chunk by chunk, as in the flattened `front.chunks.triangle`. `max_chunks` is
     an upper bound on the number of chunks of a tile, a power of two.
     """
-    rows, layers = front.covered_so_far.shape[1], front.visible.shape[1]
+    rows, slots_per_chunk = front.covered_so_far.shape[1], front.visible.shape[1]
     first, count, word_index, bit = _locate_chunks(front.chunks, sample, tiling)
     covered_words = front.covered_so_far.reshape(-1)
     chunk = _covering_chunk(
         covered_words, first, count, word_index, bit, rows=rows, max_chunks=max_chunks
     )
     visible_words = front.visible.reshape(-1)
-    return _visible_slot(visible_words, chunk, word_index, bit, rows=rows, layers=layers)
+    return _visible_slot(
+        visible_words, chunk, word_index, bit, rows=rows, slots_per_chunk=slots_per_chunk
+    )
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
@@ -115,7 +117,7 @@ def _covering_chunk(
     return jnp.where(uncovered < count, first + uncovered, -1)
 
 
-@functools.partial(materialized, static_argnames=("rows", "layers"))
+@functools.partial(materialized, static_argnames=("rows", "slots_per_chunk"))
 def _visible_slot(
     visible_words: UInt32[Array, " words"],
     chunk: Int[Array, "*samples"],
@@ -123,17 +125,17 @@ def _visible_slot(
     bit: UInt32[Array, "*samples"],
     *,
     rows: int,
-    layers: int,
+    slots_per_chunk: int,
 ) -> Int[Array, "*samples"]:
     """Find the slot, in the given chunk, that is visible at each sample.
 
     The result is -1 where no slot of the chunk is, or where `chunk` is -1. `visible_words` is
-    `Front.visible`, flattened, with `rows` words per slot and `layers` slots per chunk.
+    `Front.visible`, flattened, with `rows` words per slot and `slots_per_chunk` slots per chunk.
     """
     visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
     valid_chunk = jnp.maximum(chunk, 0)
-    for layer in range(layers):
-        slot = valid_chunk * layers + layer
+    for layer in range(slots_per_chunk):
+        slot = valid_chunk * slots_per_chunk + layer
         word = gather(visible_words, slot * rows + word_index)
         is_visible = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
         visible_slot = jnp.where(is_visible, slot, visible_slot)

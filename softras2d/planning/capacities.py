@@ -7,7 +7,7 @@ file is one of the few lengths that a list may have, as `Headroom` says.
 Every distinct set of capacities is compiled as a program of its own. Scenes of one kind should need
 few sets, however many triangles they have. So the number of slots in all chunks, on which most of
 the cost of a render depends, is rounded to a size class, and the capacities of strips, pairs and
-crossings follow from it: they are that number times a power of two (for crossings, also three
+runs of crossings follow from it: they are that number times a power of two (for runs, also three
 quarters of one). The factor follows from the ratio of the needs, which is much the same for 100
 triangles as for 2,000. Plans of more than `Headroom.small_slots` slots, and all plans for analytic
 coverage, round each list to a size class of its own.
@@ -29,42 +29,42 @@ class Capacity(NamedTuple):
 
     - `strips`: pairs of a triangle and a row of tiles.
     - `pairs`: pairs of a triangle and a tile.
-    - `layers`: slots of one chunk, which is a choice of the plan and not the length of a list.
+    - `slots_per_chunk`: slots of one chunk, a choice of the plan and not the length of a list.
     - `chunks`: chunks of all tiles together.
     - `max_chunks`: upper bound on the chunks of any one tile.
     - `steps`: steps through the lists in order (`lists.Steps`), which translucency and the depth
       test take. A block of `BLOCK` tiles takes as many as its longest list has entries.
     - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes whose colours
       are evaluated point by point.
-    - `crossings`: runs of crossings (`gradients.crossings`), each of up to `LINES` crossings of one
+    - `runs`: runs of crossings (`gradients.crossings`), each of up to `LINES` crossings of one
       edge, for derivatives with respect to positions.
     """
 
     strips: int = 0
     pairs: int = 0
-    layers: int = 0
+    slots_per_chunk: int = 0
     chunks: int = 0
     max_chunks: int = 0
     steps: int = 0
     fragments: int = 0
-    crossings: int = 0
+    runs: int = 0
 
 
 class Needs(NamedTuple):
     """Lengths of the lists of `Capacity` that a scene needed, known after its program has run.
 
-    A list that the program does not make has 0. `layers` is always 0: it is chosen by the plan, and
-    no scene needs more or less of it.
+    A list that the program does not make has 0. `slots_per_chunk` is always 0: it is chosen by the
+    plan, and no scene needs more or less of it.
     """
 
     strips: int | Int[Array, ""] = 0
     pairs: int | Int[Array, ""] = 0
-    layers: int | Int[Array, ""] = 0
+    slots_per_chunk: int | Int[Array, ""] = 0
     chunks: int | Int[Array, ""] = 0
     max_chunks: int | Int[Array, ""] = 0
     steps: int | Int[Array, ""] = 0
     fragments: int | Int[Array, ""] = 0
-    crossings: int | Int[Array, ""] = 0
+    runs: int | Int[Array, ""] = 0
 
 
 class Headroom(NamedTuple):
@@ -82,7 +82,7 @@ class Headroom(NamedTuple):
       it, also three quarters of powers of two.
     - `fine_slots`: above this number of slots, also five and seven eighths of powers of two; None
       for no such size classes.
-    - `small_slots`: up to this number of slots, the capacities of strips, pairs and crossings are
+    - `small_slots`: up to this number of slots, the capacities of strips, pairs and runs are
       in proportion to the slots.
     - `list_all_slots`: if one slot for every triangle in every tile makes no more slots than this,
       every tile lists every triangle, which costs less than making lists of as many slots.
@@ -123,10 +123,10 @@ VARYING_HEADROOM = ANALYTIC_HEADROOM._replace(merge_cost=1)
 """Headroom for analytic coverage where colours vary within a triangle: a slot then costs more, so
 that merging a chunk costs as much as fewer slots."""
 
-LAYERS = (2, 4, 8)
+CHUNK_SIZES = (2, 4, 8)
 """Numbers of slots that a chunk may have, smallest first."""
 
-_LEAST_STEPS, _LEAST_CROSSINGS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
+_LEAST_STEPS, _LEAST_RUNS, _LEAST_FRAGMENTS = 32, 2**14, 2**12
 """Least capacities for steps, for runs of crossings and for fragments. They cost next to nothing,
 and let small scenes with different needs share programs."""
 
@@ -146,70 +146,68 @@ def choose_capacity(
     in_order: bool,
     pixels: int,
     headroom: Headroom,
-    layers: int | None = None,
+    slots_per_chunk: int | None = None,
 ) -> Capacity:
     """Choose capacities for the largest needs of the scenes, with headroom.
 
     - `counts`: lengths of the lists of each scene.
     - `in_order`: whether lists are visited in order, for translucency or for the depth test.
     - `pixels`: number of pixels of the canvas.
-    - `layers`: slots of a chunk; None chooses the number of least cost.
+    - `slots_per_chunk`: slots of a chunk; None chooses the number of least cost.
     """
-    layers = choose_layers(counts, headroom) if layers is None else layers
-    chunks = [_chunks_of_tiles(scene, layers) for scene in counts]
-    needed_slots = max(layers * max(int(of_tile.sum()) for of_tile in chunks), 1)
+    if slots_per_chunk is None:
+        slots_per_chunk = choose_slots_per_chunk(counts, headroom)
+    chunks = [_chunks_of_tiles(scene, slots_per_chunk) for scene in counts]
+    needed_slots = max(slots_per_chunk * max(int(of_tile.sum()) for of_tile in chunks), 1)
     slots = _slot_class(needed_slots, headroom)
     strips = max(scene.strips for scene in counts)
     pairs = max(scene.pairs for scene in counts)
     fragments = max(scene.fragments for scene in counts)
-    crossings = max(scene.crossings or 0 for scene in counts)
-    never_crossed = all(scene.crossings is None for scene in counts)
+    runs = max(scene.runs or 0 for scene in counts)
+    never_crossed = all(scene.runs is None for scene in counts)
     steps = max(int(scene.list_lengths[::BLOCK].sum()) for scene in counts) if in_order else 0
     if slots > headroom.small_slots:
         # Large scenes run for longer than they compile: each list has a size class of its own.
-        strip_capacity, pair_capacity, crossing_capacity = (
-            _size_class(_with_headroom(need, headroom), 1, 0) for need in (strips, pairs, crossings)
+        strip_capacity, pair_capacity, run_capacity = (
+            _size_class(_with_headroom(need, headroom), 1, 0) for need in (strips, pairs, runs)
         )
     else:
         pair_capacity = _in_proportion(max(strips, pairs), needed_slots, slots)
         # Strips cost least of all: as many as pairs, or a quarter of them.
         strip_capacity = pair_capacity // 4 if 4 * strips <= pairs else pair_capacity
-        # Crossings are a tenth of the cost of a gradient, so their size classes are finer.
-        crossing_capacity = _in_proportion(
-            crossings, needed_slots, slots, allow_three_quarters=True
-        )
+        # Runs are a tenth of the cost of a gradient, so their size classes are finer.
+        run_capacity = _in_proportion(runs, needed_slots, slots, allow_three_quarters=True)
     return Capacity(
         strips=max(strip_capacity, headroom.least_slots),
         pairs=max(pair_capacity, headroom.least_slots),
-        layers=layers,
-        chunks=slots // layers,
+        slots_per_chunk=slots_per_chunk,
+        chunks=slots // slots_per_chunk,
         max_chunks=_max_chunks_class(max(int(of_tile[0]) for of_tile in chunks), slots, headroom),
         steps=_size_class(_with_headroom(steps, headroom), _LEAST_STEPS, 0),
         fragments=_fragment_capacity(fragments, pixels, headroom),
-        crossings=0 if never_crossed else max(crossing_capacity, _LEAST_CROSSINGS),
+        runs=0 if never_crossed else max(run_capacity, _LEAST_RUNS),
     )
 
 
-def choose_layers(counts: Sequence[Counts], headroom: Headroom) -> int:
-    """Choose the number of slots of a chunk, of those in `LAYERS`, that costs least in total.
+def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
+    """Choose the number of slots of a chunk, of those in `CHUNK_SIZES`, that costs least in total.
 
     The total is over all scenes. Small scenes always get the smallest number.
     """
     chunks = {
-        layers: [int(_chunks_of_tiles(scene, layers).sum()) for scene in counts]
-        for layers in LAYERS
+        size: [int(_chunks_of_tiles(scene, size).sum()) for scene in counts] for size in CHUNK_SIZES
     }
-    smallest = LAYERS[0]
+    smallest = CHUNK_SIZES[0]
     if _slot_class(smallest * max(chunks[smallest]), headroom) == headroom.least_slots:
         # Small scenes share programs: all have chunks of one size, whatever is best for each.
         return smallest
     # A chunk costs as much as its slots, plus its merging.
-    return min(LAYERS, key=lambda layers: (layers + headroom.merge_cost) * sum(chunks[layers]))
+    return min(CHUNK_SIZES, key=lambda size: (size + headroom.merge_cost) * sum(chunks[size]))
 
 
-def _chunks_of_tiles(scene: Counts, layers: int) -> np.ndarray:
-    """Number of chunks of `layers` slots that each tile needs, greatest first."""
-    return -(-scene.list_lengths // layers)
+def _chunks_of_tiles(scene: Counts, slots_per_chunk: int) -> np.ndarray:
+    """Number of chunks of `slots_per_chunk` slots that each tile needs, greatest first."""
+    return -(-scene.list_lengths // slots_per_chunk)
 
 
 def _in_proportion(

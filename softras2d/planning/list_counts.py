@@ -37,7 +37,7 @@ class Counts(NamedTuple):
     - `list_lengths`: number of triangles listed for each tile, without hidden pairs; the longest
       list comes first, whatever its tile.
     - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
-    - `crossings`: number of runs of crossings (`gradients.crossings`); None if no render of the
+    - `runs`: number of runs of crossings (`gradients.crossings`); None if no render of the
       scene uses a list of them.
     """
 
@@ -45,7 +45,7 @@ class Counts(NamedTuple):
     pairs: int
     list_lengths: np.ndarray
     fragments: int = 0
-    crossings: int | None = None
+    runs: int | None = None
 
 
 def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
@@ -63,11 +63,11 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
     if is_shaded(scene, coverage.shading) and not is_translucent(scene):
         planes = None if scene.depth is None else depth_planes(corners.high, scene, grid)
         fragments = count_fragments(edges, bounds, listed, planes, tiling)
-    crossings = None
+    runs = None
     if coverage.edge_gradients:
-        runs = count_runs(*lines_crossed(segments, grid), is_steep(segments), tiling)
-        crossings = int(runs.sum(dtype=np.int64))
-    return counts._replace(fragments=fragments, crossings=crossings)
+        of_edges = count_runs(*lines_crossed(segments, grid), is_steep(segments), tiling)
+        runs = int(of_edges.sum(dtype=np.int64))
+    return counts._replace(fragments=fragments, runs=runs)
 
 
 def count_analytic_lists(
@@ -137,7 +137,7 @@ def _count_pairs(
 ) -> tuple[Counts, ListedPairs]:
     """Count strips and pairs, and return the pairs that `tiles.list_tiles` lists on the device.
 
-    The counts have no fragments and no crossings yet.
+    The counts have no fragments and no runs yet.
     """
     pairs = find_pairs(
         edges,

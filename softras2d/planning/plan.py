@@ -20,8 +20,9 @@ from .worst_case import worst_case
 class Plan(eqx.Module):
     """How to draw a scene and others like it, made by `plan`; `print` it to see.
 
-    Plans whose static fields are equal share one compiled program. `origin` and `filter.lod_bias`
-    are arrays: other values do not recompile.
+    Plans whose static fields are equal share one compiled program. These values are arrays, which
+    may change without compiling again: `origin`, `filter.lod_bias`, and the `width` and the
+    `temperature` of `Soft`.
 
     - `height`, `width`: size of the canvas, in pixels.
     - `coverage`, `filter`: the options as chosen.
@@ -79,7 +80,7 @@ class Plan(eqx.Module):
         """Capacities for a scene of this many triangles: `capacity`, unless `lists_all`."""
         if not self.lists_all:
             return self.capacity
-        return worst_case(triangles, self.tiling, layers=self.capacity.layers)
+        return worst_case(triangles, self.tiling, slots_per_chunk=self.capacity.slots_per_chunk)
 
     def holds(self, other: "Plan") -> bool:
         """Whether the plan is large enough for the scenes of `other`, a plan of the same canvas."""
@@ -88,14 +89,17 @@ class Plan(eqx.Module):
         if self.lists_all:
             return True
         larger, smaller = self.capacity, other.capacity
-        is_comparable = (self.side, larger.layers) == (other.side, smaller.layers)
+        is_comparable = (self.side, larger.slots_per_chunk) == (
+            other.side,
+            smaller.slots_per_chunk,
+        )
         return is_comparable and all(a <= b for a, b in zip(smaller, larger, strict=True))
 
     @property
     def memory(self) -> int:
         """Approximate bytes of the largest arrays that one render holds at the same time."""
         tiling, capacity = self.tiling, self.capacity
-        coverage_words = capacity.chunks * capacity.layers * tiling.sample_rows * 4
+        coverage_words = capacity.chunks * capacity.slots_per_chunk * tiling.sample_rows * 4
         tile_channel = tiling.height * tiling.width * 4
         lists = 17 * 4 * capacity.pairs + 2 * coverage_words
         lists += (3 * capacity.chunks + 7 * tiling.count) * tile_channel
@@ -129,7 +133,7 @@ class Plan(eqx.Module):
             return f"Plan({self.width} x {self.height} px, traced)"
         tiling, capacity = self.tiling, self.capacity
         effects = [f"  {name}: {EFFECTS[name].reason}" for name in self.effects] or ["  none"]
-        optional = {"fragments": capacity.fragments, "crossings": capacity.crossings}
+        optional = {"fragments": capacity.fragments, "runs of crossings": capacity.runs}
         counts = [f"{count:,} {name}" for name, count in optional.items() if count]
         optional_line = [f"          {', '.join(counts)}"] if counts else []
         return "\n".join(
@@ -146,7 +150,7 @@ class Plan(eqx.Module):
                 ),
                 f"capacity  {capacity.strips:,} strips, {capacity.pairs:,} pairs, "
                 f"{capacity.steps:,} steps",
-                f"          {capacity.chunks:,} chunks of {capacity.layers}, "
+                f"          {capacity.chunks:,} chunks of {capacity.slots_per_chunk}, "
                 f"at most {capacity.max_chunks} in a tile",
                 *optional_line,
                 f"memory    {self.memory / 2**20:,.0f} MiB to render, "

@@ -167,7 +167,7 @@ class AnalyticMode(CoverageMode):
             origin = np.asarray(drawing.origin)
             return count_analytic_lists(drawing.scene, tiling, reach, origin, summed=summed)
 
-        unused = frozenset({"steps", "fragments", "crossings"})
+        unused = frozenset({"steps", "fragments", "runs"})
         return Listing(tiling, headroom, unused, count, side)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
@@ -317,8 +317,8 @@ def _triangle_attributes(
 
 
 def add_signed(
-    opacity: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
     triangles: ReachedTriangles,
     chunks: Chunks,
     *,
@@ -346,8 +346,8 @@ def add_signed(
 
 @materialized
 def _add_slots(
-    opacity: Float[Array, "chunks layers pixels"],
-    colors: Float[Array, "chunks layers 3 #pixels"],
+    opacity: Float[Array, "chunks slots pixels"],
+    colors: Float[Array, "chunks slots 3 #pixels"],
     sign: Float[Array, " triangles"],
     chunks: Chunks,
 ) -> list[Float[Array, "chunks pixels"]]:

@@ -42,14 +42,14 @@ class Listing(NamedTuple):
     - `headroom`: rule by which capacities follow from the list lengths that scenes need.
     - `unused`: fields of `Capacity` whose lists the scenes never need.
     - `count`: function that counts the entries of each list for a drawing of a concrete scene.
-    - `side`: pixels along a side of a square tile; 0 under sampled coverage.
+    - `tile_side`: pixels along a side of a square tile; 0 under sampled coverage.
     """
 
     tiling: Tiling
     headroom: Headroom
     unused: frozenset[str]
     count: Callable[[Drawing], Counts]
-    side: int = 0
+    tile_side: int = 0
 
 
 class Growth(NamedTuple):

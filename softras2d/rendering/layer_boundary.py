@@ -99,5 +99,5 @@ def _outgrows(binned: BinnedScene, visible: Visibility, max_list_length: int) ->
     longest_list = jnp.max(binned.lists.count)
     # Lists that the masks can hold are no overflow, even if they are longer than the plan allows.
     needed = jnp.where(longest_list > max_list_length, longest_list, 0)
-    needs = Needs(max_chunks=-(-needed // max(capacity.layers, 1)))
+    needs = Needs(max_chunks=-(-needed // max(capacity.slots_per_chunk, 1)))
     return raise_on_overflow(compare(needs, False, plan), plan)

@@ -45,18 +45,22 @@ def layout_of_all(triangles: int, listing: Listing) -> Layout:
     """
     capacity = worst_case(listed_triangle_class(triangles), listing.tiling)
     capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
-    return Layout(capacity, listing.side, lists_all=True)
+    return Layout(capacity, listing.tile_side, lists_all=True)
 
 
 def layout_for(
-    counts: Sequence[Counts], triangles: int, listing: Listing, *, layers: int | None = None
+    counts: Sequence[Counts],
+    triangles: int,
+    listing: Listing,
+    *,
+    slots_per_chunk: int | None = None,
 ) -> Layout:
     """Choose a layout in which each list is long enough for every counted scene.
 
     - `counts`: the list lengths that each scene needs.
     - `triangles`: largest number of triangles in a scene; no capacity exceeds what the size class
       of this number can need.
-    - `layers`: number of slots in a chunk; by default the number of least cost.
+    - `slots_per_chunk`: number of slots in a chunk; by default the number of least cost.
     """
     tiling = listing.tiling
     capacity = choose_capacity(
@@ -64,9 +68,9 @@ def layout_for(
         in_order="steps" not in listing.unused,
         pixels=tiling.grid.height * tiling.grid.width,
         headroom=listing.headroom,
-        layers=layers,
+        slots_per_chunk=slots_per_chunk,
     )
-    return Layout(limited(capacity, triangle_class(triangles), tiling), listing.side)
+    return Layout(limited(capacity, triangle_class(triangles), tiling), listing.tile_side)
 
 
 def count_triangles(scene: Scene) -> int:
@@ -92,5 +96,5 @@ def _grown(counts: Counts, factor: float) -> Counts:
         pairs=grow(counts.pairs),
         list_lengths=np.ceil(counts.list_lengths * factor).astype(counts.list_lengths.dtype),
         fragments=grow(counts.fragments),
-        crossings=None if counts.crossings is None else grow(counts.crossings),
+        runs=None if counts.runs is None else grow(counts.runs),
     )

@@ -34,7 +34,7 @@ _LISTS = {
     "max_chunks": "triangles in the list of one tile",
     "steps": "steps through the lists in order",
     "fragments": "fragments (pairs of a triangle and a pixel that shows it)",
-    "crossings": "runs of crossings along edges",
+    "runs": "runs of crossings along edges",
 }
 """What each list of `Capacity` holds, as error messages name it."""
 
@@ -67,12 +67,13 @@ def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
 
 def overflow_message(outcome: Outcome, plan: Plan) -> str:
     """Say in one line which lists were too short, by how much, and what helps."""
-    layers = {"chunks": plan.capacity.layers, "max_chunks": plan.capacity.layers}
+    slots = plan.capacity.slots_per_chunk
+    unit = {"chunks": slots, "max_chunks": slots}
     exceeded = (
         []
         if plan.lists_all
         else [
-            f"{int(need) * layers.get(name, 1):,} {_LISTS[name]} for {size * layers.get(name, 1):,}"
+            f"{int(need) * unit.get(name, 1):,} {_LISTS[name]} for {size * unit.get(name, 1):,}"
             for name, need, size in zip(Needs._fields, outcome.needs, plan.capacity, strict=True)
             if int(need) > size
         ]
@@ -88,11 +89,12 @@ def overflow_message(outcome: Outcome, plan: Plan) -> str:
 def raise_or_return_nan(
     image: Float[Array, "height width channels"], scene: Any, outcome: Outcome, plan: Plan
 ) -> Float[Array, "height width channels"]:
-    """Return `image`; on overflow return NaN, or raise an error, as `plan.on_overflow` says.
+    """Return `image`, or, if the scene outgrew its plan, raise an error or return NaN.
 
-    On overflow the image is NaN everywhere, and so is its derivative with respect to every float of
-    `scene`, forwards and backwards, whatever the loss is. Without overflow neither the image nor
-    any derivative changes by a bit.
+    `raise_on_overflow` says when an error is raised. Without one, on overflow, the image is NaN
+    everywhere, and so is its derivative with respect to every float of `scene`, forwards and
+    backwards, whatever the loss is. Without overflow neither the image nor any derivative changes
+    by a bit.
     """
     return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan))
 

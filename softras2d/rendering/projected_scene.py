@@ -136,5 +136,8 @@ def _surface(
 
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
     """Static parameters of the boundary term of an image, from the capacities of a plan."""
-    max_chunks, max_list_length = capacity.max_chunks, capacity.max_chunks * capacity.layers
-    return BoundaryShape(tiling, channels, capacity.crossings, max_chunks, max_list_length)
+    max_chunks, max_list_length = (
+        capacity.max_chunks,
+        capacity.max_chunks * capacity.slots_per_chunk,
+    )
+    return BoundaryShape(tiling, channels, capacity.runs, max_chunks, max_list_length)

@@ -100,7 +100,7 @@ def _fills_cache(scene: Scene, plan: Plan) -> bool:
 def _count_pixels(scene: Scene, plan: Plan) -> int:
     """Number of slots times the pixels of a tile: a measure of the work of drawing a scene."""
     capacity, tiling = plan.capacity_of(scene.triangles.shape[-2]), plan.tiling
-    return capacity.chunks * capacity.layers * tiling.height * tiling.width
+    return capacity.chunks * capacity.slots_per_chunk * tiling.height * tiling.width
 
 
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:

@@ -67,7 +67,7 @@ class SampledMode(CoverageMode):
         needed_lists = {
             "steps": in_order,
             "fragments": shaded and not translucent,
-            "crossings": coverage.edge_gradients,
+            "runs": coverage.edge_gradients,
         }
         unused = frozenset(name for name, is_needed in needed_lists.items() if not is_needed)
         return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
@@ -80,7 +80,9 @@ class SampledMode(CoverageMode):
         if is_translucent(scene):
             image = _composite_translucent(binned, background, scene, plan, capacity)
             max_list_length = jnp.max(binned.lists.count)
-            needs = needs._replace(max_chunks=-(-max_list_length // max(capacity.layers, 1)))
+            needs = needs._replace(
+                max_chunks=-(-max_list_length // max(capacity.slots_per_chunk, 1))
+            )
         else:
             visible = find_visible(binned, scene, plan)
             image, fragments = _sum_opaque(
@@ -115,7 +117,7 @@ def _composite_translucent(
     if is_shaded(scene, shading):
         sums = composite_shaded(projected.surface, pairs, steps, tiling, shading=shading)
     else:
-        max_list_length = capacity.max_chunks * capacity.layers
+        max_list_length = capacity.max_chunks * capacity.slots_per_chunk
         sums = over.composite(
             projected.surface, pairs, steps, tiling, max_list_length=max_list_length
         )
@@ -197,8 +199,8 @@ def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling)
 
 def _slot_weights(
     surface: Surface,
-    triangle: Int[Array, "chunks layers"],
-    tile: Int[Array, "chunks layers"],
+    triangle: Int[Array, "chunks slots"],
+    tile: Int[Array, "chunks slots"],
     *,
     tiling: Tiling,
 ) -> Weights:

@@ -38,16 +38,16 @@ def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunk
     """
     capacity, tiling = plan.capacity, plan.tiling
     if not plan.lists_all:
-        return cut_chunks(lists, layers=capacity.layers, capacity=capacity.chunks)
+        return cut_chunks(lists, slots_per_chunk=capacity.slots_per_chunk, capacity=capacity.chunks)
     triangles = lists.triangle.shape[0] // tiling.count
-    chunks = chunks_of_all(triangles, tiling.count, layers=capacity.layers)
+    chunks = chunks_of_all(triangles, tiling.count, slots_per_chunk=capacity.slots_per_chunk)
     return chunks._replace(filled=_meets_tile(bounds, chunks, tiling))
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _meets_tile(
     bounds: SampleBounds, chunks: Chunks, tiling: Tiling
-) -> Bool[Array, "chunks layers"]:
+) -> Bool[Array, "chunks slots"]:
     """Whether each slot has a triangle, and the triangle's bounding box meets the chunk's tile."""
     box = bounds.gather(chunks.triangle)
     column, row = (first[:, None] for first in tiling.first_sample(chunks.tile))

@@ -46,7 +46,7 @@ class VisibleSamples(NamedTuple):
     """
 
     front: Front
-    covered: UInt32[Array, "chunks layers rows"]
+    covered: UInt32[Array, "chunks slots rows"]
 
 
 def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedScene:
@@ -65,7 +65,7 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     needs = Needs(strips=lists.strips, pairs=lists.pairs)
     if projected.outlines is not None:
         total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
-        needs = needs._replace(crossings=total_runs(projected.outlines))
+        needs = needs._replace(runs=total_runs(projected.outlines))
     steps = None
     # With depth, no triangle is known to hide another, so the plan's capacity for steps counts all
     # triangles. Without depth it leaves out hidden ones, so lists that have them get no steps.

@@ -55,7 +55,7 @@ def visible_pixels(visible: Any, tiling: Tiling) -> Any:
 
 
 def list_fragments(
-    visible: UInt32[Array, "chunks layers rows"], tiling: Tiling, *, capacity: int
+    visible: UInt32[Array, "chunks slots rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
     """List the fragments, from the coverage words of the samples that each slot shows.
 
@@ -71,7 +71,7 @@ def list_fragments(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _count_pixels(
-    visible: UInt32[Array, "chunks layers rows"], tiling: Tiling
+    visible: UInt32[Array, "chunks slots rows"], tiling: Tiling
 ) -> tuple[UInt32[Array, " pixel_rows"], Int[Array, " pixel_rows"]]:
     """Mark the visible pixels in each row of pixels of each slot, and count them.
 
@@ -120,7 +120,7 @@ def _pixel_of_rank(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def gather_bits(
-    words: UInt32[Array, "chunks layers rows"],
+    words: UInt32[Array, "chunks slots rows"],
     slot: Int[Array, " fragments"],
     column: Int[Array, " fragments"],
     row: Int[Array, " fragments"],

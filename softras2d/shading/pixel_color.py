@@ -86,9 +86,9 @@ class ShadedSlots(NamedTuple):
     - `depth`: depth of the triangle; None if depth is not used.
     """
 
-    opacity: Float[Array, "chunks layers pixels"]
-    color: Float[Array, "chunks layers 3 #pixels"] | CornerColors
-    depth: Float[Array, "chunks layers pixels"] | None
+    opacity: Float[Array, "chunks slots pixels"]
+    color: Float[Array, "chunks slots 3 #pixels"] | CornerColors
+    depth: Float[Array, "chunks slots pixels"] | None
 
 
 def shade_slots(

@@ -1,8 +1,8 @@
 """How the texels along one axis are mixed around a point: one class for each name of a filter.
 
 A two-dimensional filter is the product of one mix along u and the same mix along v. To add one,
-write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. A row of
-`planning.effects.EFFECTS` makes plans report it.
+write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. For plans
+to report it, add a row to `EFFECTS` and its name to `SCENE_EFFECTS` (both in `planning.effects`).
 """
 
 import abc

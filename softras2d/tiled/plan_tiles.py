@@ -13,7 +13,7 @@ from jaxtyping import Int
 from ..geometry.canvas_grid import Grid
 from ..numerics.device import is_traced, to_device
 from ..options import Coverage, Filter, Hard
-from ..planning.capacities import choose_layers
+from ..planning.capacities import choose_slots_per_chunk
 from ..planning.effects import Drawing
 from ..planning.list_counts import Counts
 from ..planning.plan import Plan
@@ -274,18 +274,20 @@ def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> di
         for number in np.flatnonzero(np.diff(lists.starts) > 0).tolist()
     }
     all_drawings = list(drawings.values()) or [windows.canvas._replace(grid=windows.grid)]
-    listing = mode.list_needs(all_drawings, None, Growth(), canvas_listing.side or None)
+    listing = mode.list_needs(all_drawings, None, Growth(), canvas_listing.tile_side or None)
     triangles = max(len(windows.canvas.scene.triangles), 1)
     if _lists_all(triangles, canvas_listing):
         layout = layout_of_all(triangles, listing)
         return {size: _plan(windows.grid, all_drawings, layout, mode) for size in groups}
     counts = {number: _compact(listing.count(drawing)) for number, drawing in drawings.items()}
-    layers = choose_layers([_counts_of_canvas(windows, counts, listing)], listing.headroom)
+    slots_per_chunk = choose_slots_per_chunk(
+        [_counts_of_canvas(windows, counts, listing)], listing.headroom
+    )
     plans = {}
     for size, numbers in groups.items():
         occupied = [number for number in numbers if number in counts]
         needs = [counts[number] for number in occupied] or [_NO_LISTS]
-        layout = layout_for(needs, size, listing, layers=layers)
+        layout = layout_for(needs, size, listing, slots_per_chunk=slots_per_chunk)
         plans[size] = _plan(
             windows.grid, [drawings[n] for n in occupied] or all_drawings, layout, mode
         )
@@ -299,7 +301,7 @@ def _lists_all(triangles: int, listing: Listing) -> bool:
     )
 
 
-_NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), crossings=0)
+_NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), runs=0)
 
 
 def _compact(counts: Counts) -> Counts:
@@ -319,7 +321,7 @@ def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Lis
     for number, window_counts in counts.items():
         window = windows.cut.window(number)
         is_cut = (window.height, window.width) != (windows.grid.height, windows.grid.width)
-        if is_cut and not windows.border and not listing.side:
+        if is_cut and not windows.border and not listing.tile_side:
             grid = windows.grid._replace(height=window.height, width=window.width)
             window_counts = _compact(listing.count(windows.drawing(number)._replace(grid=grid)))
         lengths.append(window_counts.list_lengths)

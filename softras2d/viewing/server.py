@@ -13,7 +13,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from .frames import frame_of
-from .session import URGENCY, Reply, Session, scalar
+from .session import RANKS, Reply, Session, scalar
 from .worker import Worker
 
 STATIC = Path(__file__).parent / "static"
@@ -96,7 +96,7 @@ class _Connection:
                 self._session.set_shown_subject(self, scalar(request.get("subject")))
             replies = self._session.answer(request)
             self._worker.submit(
-                self, (kind, slot), URGENCY.get(kind, 0), replies, self._deliver_from_worker
+                self, (kind, slot), RANKS.get(kind, 0), replies, self._deliver_from_worker
             )
 
     def _deliver_from_worker(self, reply: Reply) -> None:

@@ -233,7 +233,7 @@ _ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
 }
 """The method that answers each kind of request. The most urgent kinds come first."""
 
-URGENCY = {kind: rank for rank, kind in enumerate(_ANSWERS)}
+RANKS = {kind: rank for rank, kind in enumerate(_ANSWERS)}
 """Rank of each kind of request, from 0. Of the waiting requests, the one of least rank is answered
 first."""
 

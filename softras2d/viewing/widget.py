@@ -11,7 +11,7 @@ import traitlets
 from IPython.display import display
 
 from .frames import finite, with_packed_picture
-from .session import URGENCY, Reply, Session, scalar
+from .session import RANKS, Reply, Session, scalar
 from .shared_threads import shared_watcher, shared_worker
 from .still import still_png
 
@@ -79,7 +79,7 @@ class ViewerWidget(anywidget.AnyWidget):
             self.send({**finite(reply.header), "owner": output.name}, buffers=buffers)
 
         shared_worker().submit(
-            output, (kind, slot), URGENCY.get(kind, 0), self._session.answer(request), deliver
+            output, (kind, slot), RANKS.get(kind, 0), self._session.answer(request), deliver
         )
 
     def _forget(self, output: "_Output") -> None:

@@ -14,22 +14,22 @@ _LOGGER = logging.getLogger(__name__)
 class _Job(NamedTuple):
     """A request whose replies are still to be computed.
 
-    - `urgency`: rank of the request; the least is answered first.
+    - `rank`: the rank of the request; the least is answered first.
     - `sequence_number`: of requests of equal rank, the one with the least is answered first.
     - `replies`: computes the next reply when it is advanced.
     - `deliver`: called with each reply.
     """
 
-    urgency: int
+    rank: int
     sequence_number: int
     replies: Iterator[Reply]
     deliver: Callable[[Reply], None]
 
 
 class Worker:
-    """Computes replies in a thread of its own, the most urgent first.
+    """Computes replies in a thread of its own, those of least rank first.
 
-    A job with several replies waits after each reply while there are more urgent jobs.
+    A job with several replies waits after each reply while there are jobs of lower rank.
     """
 
     def __init__(self):
@@ -44,7 +44,7 @@ class Worker:
         self,
         owner: Hashable,
         name: Hashable,
-        urgency: int,
+        rank: int,
         replies: Iterator[Reply],
         deliver: Callable[[Reply], None],
     ) -> None:
@@ -53,10 +53,10 @@ class Worker:
         - `owner`: the page or output that asks; `forget` drops all of its jobs.
         - `name`: what is asked for. An earlier job of the same owner and name is dropped; if its
           next reply is being computed, that one is still delivered.
-        - `urgency`: rank of the job; the job of least rank is done first.
+        - `rank`: the rank of the job; the job of least rank is done first.
         """
         with self._changed:
-            self._jobs[owner, name] = _Job(urgency, next(self._numbers), replies, deliver)
+            self._jobs[owner, name] = _Job(rank, next(self._numbers), replies, deliver)
             self._changed.notify()
 
     def forget(self, owner: Hashable) -> None:

@@ -59,7 +59,7 @@ def _crossings(scene: sr.Scene, samples: int):
         outlines.count,
         outlines.sides.steep,
         tiling=plan.tiling,
-        capacity=capacity.crossings,
+        capacity=capacity.runs,
     )
     sides, edges, _, first, count = outlines
     crossings = find_crossings(sides, edges, first, count, runs, plan.tiling)

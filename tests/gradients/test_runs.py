@@ -51,7 +51,7 @@ def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
     tiling = plan.tiling
     number = int((np.asarray(runs.rank) >= 0).sum())
     assert number == len(runs.rank) - SPARE
-    assert number <= worst_case(COUNT, tiling).crossings
+    assert number <= worst_case(COUNT, tiling).runs
     valid, along_row = np.asarray(crossings.valid), np.asarray(crossings.along_row)
     line = np.where(along_row, crossings.outside.row, crossings.outside.column)
     tile_lines = np.where(along_row, tiling.sample_rows, tiling.sample_columns)

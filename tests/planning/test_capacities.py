@@ -132,13 +132,15 @@ def test_headroom_lengthens_every_list_up_to_the_worst_case():
     scene = sr.Scene.from_soup(random_corners(0) * 4, colors_of(COUNT))
     worst = _plan_large(scene, capacity="worst_case").capacity
     least, more, most = (_plan_large(scene, headroom=h).capacity for h in (1.0, 4.0, 1e6))
-    for name in ("strips", "pairs", "crossings"):
+    for name in ("strips", "pairs", "runs"):
         assert getattr(least, name) <= getattr(more, name) <= getattr(most, name)
     for capacity in (least, more, most):
         assert capacity.pairs <= 64 * LARGE.height * LARGE.width // 64
-        assert capacity.chunks <= -(-64 // capacity.layers) * LARGE.height * LARGE.width // 64
-    assert most.layers * most.chunks >= worst.layers * worst.chunks
-    assert least.layers * least.chunks < most.layers * most.chunks
+        assert (
+            capacity.chunks <= -(-64 // capacity.slots_per_chunk) * LARGE.height * LARGE.width // 64
+        )
+    assert most.slots_per_chunk * most.chunks >= worst.slots_per_chunk * worst.chunks
+    assert least.slots_per_chunk * least.chunks < most.slots_per_chunk * most.chunks
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ class Collapses(NamedTuple):
     - `vertex`, `neighbor`: the vertex that each candidate removes, and the vertex that it is moved
       onto.
     - `candidate`, `triangle`: index of the candidate and of the triangle of each entry.
-    - `changed`: the three vertices of the entry's triangle after the collapse.
+    - `corners_after`: the three vertices of the entry's triangle after the collapse.
     - `remains`: whether the entry's triangle remains, rather than vanishes.
     """
 
@@ -36,7 +36,7 @@ class Collapses(NamedTuple):
     neighbor: Int[np.ndarray, " candidates"]
     candidate: Int[np.ndarray, " entries"]
     triangle: Int[np.ndarray, " entries"]
-    changed: Int[np.ndarray, "entries 3"]
+    corners_after: Int[np.ndarray, "entries 3"]
     remains: Bool[np.ndarray, " entries"]
 
     def take(self, chosen: Int[np.ndarray, " chosen"]) -> "Collapses":
@@ -50,7 +50,7 @@ class Collapses(NamedTuple):
             self.neighbor[chosen],
             rank[self.candidate[entries]],
             self.triangle[entries],
-            self.changed[entries],
+            self.corners_after[entries],
             self.remains[entries],
         )
 
@@ -93,7 +93,7 @@ def collapse(
     order = order[np.sort(np.unique(collapses.vertex[order], return_index=True)[1])]
     collapses = collapses.take(order[: _EXAMINED * count])
     costs = _exact_costs(mesh, target, evaluation, collapses)
-    claims = _changed_triangles(collapses)
+    claims = _triangles_around(collapses)
     chosen = greedy_disjoint(-costs, claims, len(mesh.triangles))[:count]
     return _apply(mesh, collapses.take(chosen))
 
@@ -157,7 +157,7 @@ def _estimated_costs(
     the vertex and falls linearly to 0 at its neighbours.
     """
     positions = mesh.positions
-    a, b, c = positions[collapses.changed].transpose(1, 0, 2)
+    a, b, c = positions[collapses.corners_after].transpose(1, 0, 2)
     removed = positions[collapses.vertex[collapses.candidate]]
     to_a, to_b, to_c = a - removed, b - removed, c - removed
     sub_areas = np.stack([cross(to_b, to_c), cross(to_c, to_a), cross(to_a, to_b)])
@@ -168,7 +168,7 @@ def _estimated_costs(
     last = order[np.flatnonzero(np.diff(collapses.candidate[order], append=-1))]
     weights = np.maximum(sub_areas[:, last], 0.0)
     weights = weights / np.maximum(weights.sum(0), 1e-12)
-    color = np.einsum("in,nic->nc", weights, vertex_colors[collapses.changed[last]])
+    color = np.einsum("in,nic->nc", weights, vertex_colors[collapses.corners_after[last]])
     areas = signed_areas(positions, mesh.triangles)[collapses.triangle]
     change = ((color - vertex_colors[collapses.vertex]) ** 2).sum(1)
     # The integral of a squared hat function is a sixth of the area where it is above 0.
@@ -183,7 +183,7 @@ def _exact_costs(
     With one colour per vertex, all colours stay fixed. With the other models, the colours of the
     changed triangles are solved anew.
     """
-    changed = collapses.changed[collapses.remains]
+    changed = collapses.corners_after[collapses.remains]
     pairs = pixel_weights(mesh.positions, changed, height=mesh.height, width=mesh.width)
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
     error_after = np.zeros(len(collapses.triangle))
@@ -197,7 +197,7 @@ def _exact_costs(
     return collapses.sum_by_candidate(error_after - error_before[collapses.triangle])
 
 
-def _changed_triangles(collapses: Collapses) -> Int[np.ndarray, "candidates degree"]:
+def _triangles_around(collapses: Collapses) -> Int[np.ndarray, "candidates degree"]:
     """List the triangles around each candidate's vertex, one row for each, padded with -1."""
     degree = np.bincount(collapses.candidate, minlength=len(collapses.vertex))
     _, rank = _rank_in_group(degree)
@@ -209,7 +209,7 @@ def _changed_triangles(collapses: Collapses) -> Int[np.ndarray, "candidates degr
 def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
     """Carry out all of these collapses; no two of them may change the same triangle."""
     unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
-    triangles = np.concatenate([unchanged, collapses.changed[collapses.remains]])
+    triangles = np.concatenate([unchanged, collapses.corners_after[collapses.remains]])
     stays: Bool[np.ndarray, " vertices"] = np.ones(len(mesh.positions), bool)
     stays[collapses.vertex] = False
     new_index = np.cumsum(stays) - 1

@@ -86,7 +86,7 @@ _Block = dict[str, list[str]]
 """Values of each property in a block of declarations, lowest rank first."""
 
 _MAX_OUTRANKED = 16
-"""Maximum number of values of one property that are kept in case the one above is invalid."""
+"""Maximum number of values of one property that are kept in case higher ones are invalid."""
 
 
 class _Cost(NamedTuple):
@@ -95,13 +95,13 @@ class _Cost(NamedTuple):
     A selector consists of compounds, such as `rect.a`, with combinators between them.
 
     - `descendants`: number of descendant combinators, which leave a choice of ancestors.
-    - `sibling_combinators`: number of combinators `~`, which leave a choice of siblings.
+    - `later_sibling_combinators`: number of combinators `~`, which leave a choice of siblings.
     - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
     - `others_look_at_siblings`: whether a pseudo-class of another compound does.
     """
 
     descendants: int
-    sibling_combinators: int
+    later_sibling_combinators: int
     last_looks_at_siblings: bool
     others_look_at_siblings: bool
 
@@ -320,7 +320,7 @@ def _tests(cost: _Cost, depth: int, siblings: int) -> int:
     - `depth`: number of ancestors of the element.
     - `siblings`: number of siblings of the element and of all its ancestors together.
     """
-    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.sibling_combinators)
+    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.later_sibling_combinators)
     if cost.others_look_at_siblings:
         tests *= siblings
     return tests + siblings * cost.last_looks_at_siblings
@@ -330,7 +330,7 @@ def _choices(among: int, count: int) -> int:
     """Number of ways to choose at most `count` of `among` elements, in a fixed order.
 
     This bounds the tests that a chain of combinators causes, since every prefix of a choice is
-    tested. Numbers above 2^40, which exceed every limit, may be too small.
+    tested. The sum stops above 2^40, which exceeds every limit.
     """
     choices = total = 1
     for k in range(min(count, among)):
@@ -362,7 +362,7 @@ def _selector_costs(prelude: list[Any]) -> list[_Cost] | None:
 def _selector_cost(tokens: list[Any]) -> _Cost | None:
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
-    descendants, sibling_combinators = _combinators(tokens)
+    descendants, later_sibling_combinators = _combinators(tokens)
     last_looks_at_siblings = others_look_at_siblings = False
     previous = None
     for token in tokens:
@@ -380,18 +380,20 @@ def _selector_cost(tokens: list[Any]) -> _Cost | None:
             last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
             if any(argument.type == "function" for argument in token.arguments):
                 return None
-            more_descendants, more_sibling_combinators = _combinators(token.arguments)
-            descendants, sibling_combinators = (
+            more_descendants, more_later_sibling_combinators = _combinators(token.arguments)
+            descendants, later_sibling_combinators = (
                 descendants + more_descendants,
-                sibling_combinators + more_sibling_combinators,
+                later_sibling_combinators + more_later_sibling_combinators,
             )
         previous = token.value if token.type == "literal" else None
-    return _Cost(descendants, sibling_combinators, last_looks_at_siblings, others_look_at_siblings)
+    return _Cost(
+        descendants, later_sibling_combinators, last_looks_at_siblings, others_look_at_siblings
+    )
 
 
 def _combinators(tokens: list[Any]) -> tuple[int, int]:
     """Number of descendant combinators, which are blanks between compounds, and number of `~`."""
-    descendants = sibling_combinators = 0
+    descendants = later_sibling_combinators = 0
     is_separated, is_after_compound = False, False
     for token in tokens:
         if token.type == "comment":
@@ -400,7 +402,7 @@ def _combinators(tokens: list[Any]) -> tuple[int, int]:
             is_separated = True
             continue
         is_combinator = token.type == "literal" and token.value in (">", "+", "~", ",")
-        sibling_combinators += is_combinator and token.value == "~"
+        later_sibling_combinators += is_combinator and token.value == "~"
         descendants += is_separated and is_after_compound and not is_combinator
         is_separated, is_after_compound = False, not is_combinator
-    return descendants, sibling_combinators
+    return descendants, later_sibling_combinators

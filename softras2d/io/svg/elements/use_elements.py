@@ -17,8 +17,8 @@ def instantiate(
     - `declared`: declarations of the `use`.
     - `state`: state inside of the `use`, to which its `x` and `y` are added here.
 
-    Returns None for a `use` without `href`, and for a reference that is broken or leads back to
-    itself, which is noted.
+    Returns None for a `use` without `href`. It also returns None, and reports a warning, for a
+    reference that is broken or leads back to itself.
     """
     report = page.report(use)
     href = use.attrib.get("href")
