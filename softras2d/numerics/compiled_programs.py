@@ -16,19 +16,20 @@ _SHARE = 0.3
 of a loop may compile many programs."""
 
 
-def drop_programs() -> bool:
-    """Drop all compiled programs if the process nears its limit of memory maps.
+def drop_programs(share: float = _SHARE) -> bool:
+    """Drop all compiled programs if the process has more than a share of its memory maps.
 
-    Returns whether they were dropped. Call it in loops that compile again and again, between two
-    steps and outside any trace. Programs that are needed later are compiled again. On a system
-    without such a limit it does nothing and returns false.
+    `share` is a fraction of the number of maps that the system allows. Returns whether programs
+    were dropped. Call it in loops that compile again and again, between two steps and outside any
+    trace. Programs that are needed later are compiled again. On a system without such a limit it
+    does nothing and returns false.
     """
     try:
         limit = int(_LIMIT.read_text())
         maps = _MAPS.read_bytes().count(b"\n")
     except (OSError, ValueError):
         return False
-    if maps <= _SHARE * limit:
+    if maps <= share * limit:
         return False
     jax.clear_caches()
     return True
