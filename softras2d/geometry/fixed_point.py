@@ -9,11 +9,11 @@ The edge function from corner p to corner q, dx (y - p_y) - dy (x - p_x), is pos
 positively oriented triangle. From one sample to the next it changes by dx 2^k down and by -dy 2^k
 right, so its floor after division by 2^k, at the sample in column i and row j,
 
-    e(i, j) = constant - dy i + dx j,
+    e(i, j) = offset - dy i + dx j,
 
 is negative at the same samples, steps by integers below 2^24, and leaves a remainder that is the
 same at all samples of the image. The integer e(i, j) is the *edge value* at sample (i, j), in units
-of 1 / (S 2^k) square pixels. The constant may need 43 bits. It is kept modulo 2^32 beside a float32
+of 1 / (S 2^k) square pixels. The offset may need 43 bits. It is kept modulo 2^32 beside a float32
 estimate with an error below 2^20, as a `WrappedValue`, which recovers the sign and the value from
 both. Within a tile, a value beyond 2^30 cannot change sign: it may be clamped to that.
 
@@ -42,7 +42,7 @@ class GridTriangles(NamedTuple):
       bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
     - `left`, `right`, `top`, `bottom`: the bounding box; empty (`left > right`) for a triangle that
       covers nothing because a corner is not finite.
-    - `constant`: 0 for an edge whose line is to be tested. Otherwise the sign that its edge
+    - `fixed_sign`: 0 for an edge whose line is to be tested. Otherwise the sign that its edge
       function has everywhere, so that all samples are inside (1) or outside (-1).
     """
 
@@ -55,7 +55,7 @@ class GridTriangles(NamedTuple):
     right: Int[HostOrDeviceArray, " triangles"]
     top: Int[HostOrDeviceArray, " triangles"]
     bottom: Int[HostOrDeviceArray, " triangles"]
-    constant: Int[HostOrDeviceArray, "3 triangles"]
+    fixed_sign: Int[HostOrDeviceArray, "3 triangles"]
 
 
 class Edge(NamedTuple):
@@ -235,7 +235,7 @@ def directed_triangles(
 ) -> GridTriangles:
     """Reorient triangles to positive area, and list their directed edges and bounding boxes.
 
-    `orientation` is the result of `orient`. All edges are to be tested (`constant` is 0).
+    `orientation` is the result of `orient`. All edges are to be tested (`fixed_sign` is 0).
     """
     x, y, finite = snapped
     xp = x.__array_namespace__()
@@ -266,7 +266,7 @@ def reorient(
     )
 
 
-def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
+def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
 
     `fill_rule` is `Hard.fill_rule`. With `"top_left"`, an edge that goes up, or to the right along
@@ -276,7 +276,7 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
-    x, y, dx, dy = segments[:4]
+    x, y, dx, dy = grid_triangles[:4]
     xp = x.__array_namespace__()
     f32 = xp.float32
     half = 1 << (bits - 1)
@@ -303,13 +303,13 @@ def edge_functions(segments: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     estimate = dx.astype(f32) * samples_y.astype(f32) - dy.astype(f32) * samples_x.astype(f32)
     estimate = estimate + floor.astype(f32)
     fraction = (remainder + lowered).astype(f32) * 2.0**-bits
-    constant = segments.constant
+    fixed_sign = grid_triangles.fixed_sign
     if fill_rule == "top_left":
-        constant = xp.where((segments.orientation == 0)[None], -1, constant)
-    is_constant = constant != 0
-    dx, dy = (xp.where(is_constant, 0, step) for step in (dx, dy))
-    start = xp.where(is_constant, constant, start)
-    estimate = xp.where(is_constant, constant.astype(f32), estimate)
+        fixed_sign = xp.where((grid_triangles.orientation == 0)[None], -1, fixed_sign)
+    has_fixed_sign = fixed_sign != 0
+    dx, dy = (xp.where(has_fixed_sign, 0, step) for step in (dx, dy))
+    start = xp.where(has_fixed_sign, fixed_sign, start)
+    estimate = xp.where(has_fixed_sign, fixed_sign.astype(f32), estimate)
     return Edge(-dy, dx, start, estimate, fraction)
 
 
@@ -319,10 +319,10 @@ def split_edges(edges: Edge) -> Edges:
     return first, second, third
 
 
-def sample_bounds(segments: GridTriangles, grid: Grid) -> SampleBounds:
+def sample_bounds(grid_triangles: GridTriangles, grid: Grid) -> SampleBounds:
     """Find the samples of the canvas that lie in the bounding box of each triangle."""
-    left, right = _sample_range(segments.left, segments.right, grid, grid.width)
-    top, bottom = _sample_range(segments.top, segments.bottom, grid, grid.height)
+    left, right = _sample_range(grid_triangles.left, grid_triangles.right, grid, grid.width)
+    top, bottom = _sample_range(grid_triangles.top, grid_triangles.bottom, grid, grid.height)
     return SampleBounds(left, right, top, bottom)
 
 

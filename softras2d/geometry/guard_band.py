@@ -94,10 +94,10 @@ def _select(
     return xp.where(is_far[:, None], corners[:, :, axis], xp.zeros_like(corners[:, :, axis])).T
 
 
-def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangles:
-    """Cut the edges of triangles past the band to the band; keep the others from `segments`.
+def clip(far: FarTriangles, grid_triangles: GridTriangles, grid: Grid) -> GridTriangles:
+    """Cut the edges of triangles past the band to the band; keep the others from `grid_triangles`.
 
-    Bounding boxes are taken from `segments` for all triangles.
+    Bounding boxes are taken from `grid_triangles` for all triangles.
     """
     xp = far.orientation.__array_namespace__()
     start: Point = (far.x, far.y)
@@ -116,14 +116,20 @@ def clip(far: FarTriangles, segments: GridTriangles, grid: Grid) -> GridTriangle
     has_area = far.orientation != 0
     surrounds = _surrounds_center(far, grid) & has_area
     empty = ~xp.any(hit, axis=0) & ~surrounds
-    constant = xp.where(hit, 0, xp.where(empty[None], -1, 1)).astype(xp.int32)
+    fixed_sign = xp.where(hit, 0, xp.where(empty[None], -1, 1)).astype(xp.int32)
     cut = GridTriangles(
-        from_x, from_y, to_x - from_x, to_y - from_y, far.orientation, *segments[5:9], constant
+        from_x,
+        from_y,
+        to_x - from_x,
+        to_y - from_y,
+        far.orientation,
+        *grid_triangles[5:9],
+        fixed_sign,
     )
     return GridTriangles(
         *(
             xp.where(far.is_far if new.ndim == 1 else far.is_far[None], new, old)
-            for new, old in zip(cut, segments, strict=True)
+            for new, old in zip(cut, grid_triangles, strict=True)
         )
     )
 

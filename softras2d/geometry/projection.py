@@ -36,8 +36,8 @@ class Projection(NamedTuple):
 
     - `corners`: snapped to the grid, in pixels, in the order in which the scene gives them. They
       are not reoriented.
-    - `segments`: the edges as segments in grid units. Where the triangle was cut at the guard band,
-      `segments.orientation` is still the sign of its area before the cut.
+    - `grid_triangles`: the edges in grid units. Where the triangle was cut at the guard band,
+      `grid_triangles.orientation` is still the sign of its area before the cut.
     - `edges`: exact edge functions.
     - `bounds`: the samples within the bounding box.
     - `planes`: barycentric weights of triangles past the guard band; None if not asked for.
@@ -45,7 +45,7 @@ class Projection(NamedTuple):
     """
 
     corners: Corners
-    segments: GridTriangles
+    grid_triangles: GridTriangles
     edges: Edges
     bounds: SampleBounds
     planes: WeightPlanes | None
@@ -75,33 +75,35 @@ def project(
     corners, snapped, is_far = materialize(functools.partial(_snap_stage, grid=grid))(
         positions, triangles, origin
     )
-    segments = materialize(directed_triangles)(snapped, materialize(orient)(snapped))
+    grid_triangles = materialize(directed_triangles)(snapped, materialize(orient)(snapped))
     far_weights = None
     if cut and isinstance(is_far, np.ndarray) and not weights:
-        segments = _clip_selected(corners, segments, np.flatnonzero(is_far), grid)
+        grid_triangles = _clip_selected(corners, grid_triangles, np.flatnonzero(is_far), grid)
     elif cut:
         far = materialize(far_triangles)(corners, is_far)
-        segments = materialize(functools.partial(clip, grid=grid))(far, segments)
+        grid_triangles = materialize(functools.partial(clip, grid=grid))(far, grid_triangles)
         if weights:
             far_weights = materialize(functools.partial(far_weight_planes, grid=grid))(far)
-    edges = materialize(functools.partial(edge_functions, grid=grid, fill_rule=fill_rule))(segments)
-    box = materialize(functools.partial(sample_bounds, grid=grid))(segments)
-    return Projection(corners, segments, split_edges(edges), box, far_weights, is_far)
+    edges = materialize(functools.partial(edge_functions, grid=grid, fill_rule=fill_rule))(
+        grid_triangles
+    )
+    box = materialize(functools.partial(sample_bounds, grid=grid))(grid_triangles)
+    return Projection(corners, grid_triangles, split_edges(edges), box, far_weights, is_far)
 
 
 def _clip_selected(
-    corners: Corners, segments: GridTriangles, selected: Int[np.ndarray, " far"], grid: Grid
+    corners: Corners, grid_triangles: GridTriangles, selected: Int[np.ndarray, " far"], grid: Grid
 ) -> GridTriangles:
     """Cut the triangles with these indices to the guard band, on the host.
 
     Few triangles of a large scene are far, and most of the time would be spent on the others.
     """
     if selected.size == 0:
-        return segments
+        return grid_triangles
     all_far = np.ones(selected.size, bool)
     far = far_triangles(Corners(*(entry[selected] for entry in corners)), all_far)
-    cut = clip(far, GridTriangles(*(entry[..., selected] for entry in segments)), grid)
-    merged = [np.array(entry) for entry in segments]
+    cut = clip(far, GridTriangles(*(entry[..., selected] for entry in grid_triangles)), grid)
+    merged = [np.array(entry) for entry in grid_triangles]
     for entry, values in zip(merged, cut, strict=True):
         entry[..., selected] = values
     return GridTriangles(*merged)

@@ -58,7 +58,7 @@ from .thin_strips import covers, ends_before_edge, fill_strips
 from .visible_front import triangle_at
 
 
-class Outlines(NamedTuple):
+class CrossedEdges(NamedTuple):
     """The edges of a scene, and the lines of samples that they cross.
 
     - `sides`: positions of the ends of each edge, in pixels.
@@ -98,7 +98,7 @@ def boundary_term(
     shape: BoundaryShape,
     positions: Float[Array, "vertices 2"],
     depth: Float[Array, " vertices"] | None,
-    outlines: Outlines,
+    crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
     """Return zeros whose derivative with respect to positions and depth is the boundary term.
@@ -119,8 +119,8 @@ def boundary_term(
 
 @functools.partial(boundary_term.defjvp, symbolic_zeros=True)
 def _(shape, primals, tangents):
-    positions, depth, outlines, samples = jax.lax.stop_gradient(primals)
-    value = boundary_term(shape, positions, depth, outlines, samples)
+    positions, depth, crossed_edges, samples = jax.lax.stop_gradient(primals)
+    value = boundary_term(shape, positions, depth, crossed_edges, samples)
     velocity, depth_change = (
         None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:2]
     )
@@ -132,8 +132,8 @@ def _(shape, primals, tangents):
     change = jnp.zeros_like(value)
     if velocity is not None:
         with jax.named_scope("edge_slopes"):
-            sweep = _sweep(shape, outlines, samples, masks)
-        speeds = edge_speeds(velocity, outlines.vertex, outlines.sides)
+            sweep = _sweep(shape, crossed_edges, samples, masks)
+        speeds = edge_speeds(velocity, crossed_edges.vertex, crossed_edges.sides)
         change = image_tangent(speeds, sweep, shape.tiling.grid)
     depths = samples.depths
     if depth is None or depths is None:
@@ -143,7 +143,7 @@ def _(shape, primals, tangents):
         depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
         tiling = shape.tiling
         with jax.named_scope("interpenetration"):
-            changes = depth_changes(velocity, depth_change, outlines.vertex, depths, tiling)
+            changes = depth_changes(velocity, depth_change, crossed_edges.vertex, depths, tiling)
             search = _pair_search(shape, samples, masks)
             change = change + image_change(search, depths, changes, tiling, channels=shape.channels)
     return value, change
@@ -169,7 +169,7 @@ Measured with 1,000 translucent triangles at 512 pixels: half or twice as many t
 
 def _sweep(
     shape: BoundaryShape,
-    outlines: Outlines,
+    crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
     masks: LayerMasks | None,
 ) -> Sweep:
@@ -181,15 +181,15 @@ def _sweep(
     block = min(_BLOCK, max(shape.max_runs, 1))
     blocks = -(-shape.max_runs // block)
     runs = list_runs(
-        outlines.first,
-        outlines.count,
-        outlines.sides.steep,
+        crossed_edges.first,
+        crossed_edges.count,
+        crossed_edges.sides.steep,
         tiling=shape.tiling,
         capacity=blocks * block,
     )
-    dtype = outlines.sides.start.dtype
+    dtype = crossed_edges.sides.start.dtype
     if isinstance(samples, OpaqueSamples):
-        runs = _without_hidden(outlines, samples, runs, shape.tiling, block)
+        runs = _without_hidden(crossed_edges, samples, runs, shape.tiling, block)
         jumps_at = functools.partial(_opaque_jumps, shape, samples)
     else:
         assert masks is not None
@@ -203,7 +203,7 @@ def _sweep(
             Float[Array, "channels lines runs"],
         ],
     ) -> Any:
-        crossings = _crossings_of_block(outlines, runs, number, block, shape.tiling)
+        crossings = _crossings_of_block(crossed_edges, runs, number, block, shape.tiling)
         block_sweep = (crossings.t, crossings.pixel, jumps_at(crossings))
         return tuple(
             jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
@@ -223,25 +223,25 @@ def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
 
 
 def _crossings_of_block(
-    outlines: Outlines, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
+    crossed_edges: CrossedEdges, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
 ) -> Crossings:
     """Find the crossings of the runs `number * block` to `(number + 1) * block - 1`."""
     block_runs = jax.tree.map(
         lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
     )
-    sides, edges, _, first, count = outlines
+    sides, edges, _, first, count = crossed_edges
     return find_crossings(sides, edges, first, count, block_runs, tiling)
 
 
 def _without_hidden(
-    outlines: Outlines, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
+    crossed_edges: CrossedEdges, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
 ) -> Runs:
     """Remove the runs that nearer triangles hide; they are tested in blocks of `block` runs."""
-    nearest, farthest = distance_range(samples.depths, outlines.vertex.shape[0])
+    nearest, farthest = distance_range(samples.depths, crossed_edges.vertex.shape[0])
     farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 
     def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
-        crossings = _crossings_of_block(outlines, runs, number, block, tiling)
+        crossings = _crossings_of_block(crossed_edges, runs, number, block, tiling)
         nearest_of_run = nearest[crossings.edge // 3]
         in_block = may_be_visible(
             nearest_of_run, crossings.inside, crossings.valid, farthest_in_row, tiling

@@ -89,17 +89,17 @@ class Sides(NamedTuple):
         return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
 
 
-def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
+def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     """Find the first line on the canvas that each edge crosses, and the number of lines.
 
     Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
     for others, counted from 0. The number is 0 for edges without a boundary term. Works for NumPy
     and JAX alike.
     """
-    xp = segments.x.__array_namespace__()
-    steep = is_steep(segments)
-    start = xp.where(steep, segments.y, segments.x)
-    end = start + xp.where(steep, segments.dy, segments.dx)
+    xp = grid_triangles.x.__array_namespace__()
+    steep = is_steep(grid_triangles)
+    start = xp.where(steep, grid_triangles.y, grid_triangles.x)
+    end = start + xp.where(steep, grid_triangles.dy, grid_triangles.dx)
     size = xp.where(steep, grid.height, grid.width) * grid.rate
     # The lesser end is excluded and the greater one included, so that a line through a corner is
     # counted for one of the two edges that meet there.
@@ -107,18 +107,18 @@ def lines_crossed(segments: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     last = last_sample_until(xp.maximum(start, end), grid)
     first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
     # Triangles without area, and edges whose function is a `constant`, have no boundary term.
-    bounding = (segments.constant == 0) & (segments.orientation != 0)[None]
+    bounding = (grid_triangles.fixed_sign == 0) & (grid_triangles.orientation != 0)[None]
     count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
     return first.astype(xp.int32), count.astype(xp.int32)
 
 
-def is_steep(segments: GridTriangles) -> Any:
+def is_steep(grid_triangles: GridTriangles) -> Any:
     """Whether the vertical extent of each edge is no less than the horizontal one.
 
     Works for NumPy and JAX alike.
     """
-    xp = segments.x.__array_namespace__()
-    return xp.abs(segments.dy) >= xp.abs(segments.dx)
+    xp = grid_triangles.x.__array_namespace__()
+    return xp.abs(grid_triangles.dy) >= xp.abs(grid_triangles.dx)
 
 
 def count_runs(first: Any, count: Any, steep: Any, tiling: Tiling) -> Any:

@@ -56,8 +56,8 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
-    corners, segments, edges, bounds = _project(scene, grid, coverage, origin)
-    occluders = is_occluder(scene, segments.orientation)
+    corners, grid_triangles, edges, bounds = _project(scene, grid, coverage, origin)
+    occluders = is_occluder(scene, grid_triangles.orientation)
     counts, listed = _count_pairs(edges, bounds, occluders, tiling)
     fragments = 0
     if is_shaded(scene, coverage.shading) and not is_translucent(scene):
@@ -65,7 +65,9 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
         fragments = count_fragments(edges, bounds, listed, planes, tiling)
     runs = None
     if coverage.edge_gradients:
-        of_edges = count_runs(*lines_crossed(segments, grid), is_steep(segments), tiling)
+        of_edges = count_runs(
+            *lines_crossed(grid_triangles, grid), is_steep(grid_triangles), tiling
+        )
         runs = int(of_edges.sum(dtype=np.int64))
     return counts._replace(fragments=fragments, runs=runs)
 
@@ -97,8 +99,8 @@ def sampled_list_lengths(
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
-    _, segments, edges, bounds = _project(scene, grid, coverage, origin)
-    occluders = is_occluder(scene, segments.orientation)
+    _, grid_triangles, edges, bounds = _project(scene, grid, coverage, origin)
+    occluders = is_occluder(scene, grid_triangles.orientation)
     return _lengths_by_tile(_count_pairs(edges, bounds, occluders, tiling)[1], tiling)
 
 

@@ -49,7 +49,7 @@ def layer_boundary(
         shape = shape._replace(
             max_list_length=max(shape.max_list_length, min(count, _LEAST_MAX_LIST_LENGTH))
         )
-    assert projected.outlines is not None
+    assert projected.crossed_edges is not None
     colors = LayerColors.of(
         _given_colors(visible, values, layer_triangles, projected), is_straight=True
     )
@@ -57,7 +57,7 @@ def layer_boundary(
         *listed_words(binned, plan),
         binned.lists, projected.edges, projected.depths, colors, background,
     )  # fmt: skip
-    boundary = boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
+    boundary = boundary_term(shape, scene.positions, scene.depth, projected.crossed_edges, samples)
     return boundary, _outgrows(binned, visible, shape.max_list_length)
 
 

@@ -13,7 +13,7 @@ from ..geometry.fixed_point import Edges, GridTriangles, SampleBounds, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import BoundaryShape, Outlines
+from ..gradients.boundary_term import BoundaryShape, CrossedEdges
 from ..gradients.crossings import Sides, is_steep, lines_crossed
 from ..gradients.interior_term import attach_interior_term, weight_gradients
 from ..numerics.fusion_barrier import materialized
@@ -30,7 +30,7 @@ class Projected(NamedTuple):
 
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
-    - `outlines`: input of the boundary term; None if `Hard.edge_gradients` is off.
+    - `crossed_edges`: input of the boundary term; None if `Hard.edge_gradients` is off.
     - `surface`: input of shading.
     - `depths`: input of the depth test; None if the scene has no depth.
     - `is_occluder`: whether nothing shows through each triangle. With depth it is false for all.
@@ -40,7 +40,7 @@ class Projected(NamedTuple):
 
     edges: Edges
     bounds: SampleBounds
-    outlines: Outlines | None
+    crossed_edges: CrossedEdges | None
     surface: Surface
     depths: Depths | None
     is_occluder: Bool[Array, " triangles"]
@@ -61,76 +61,78 @@ def project_scene(scene: Scene, plan: Plan) -> Projected:
         weights=varies(scene) or scene.depth is not None,
         materialize=materialized,
     )
-    corners, segments, edges, bounds, weights, is_past_guard_band = projection
-    orientation = segments.orientation
+    corners, grid_triangles, edges, bounds, weights, is_past_guard_band = projection
+    orientation = grid_triangles.orientation
     leaves_guard_band = jnp.zeros((), bool)
     if not plan.cuts_far_triangles:
         leaves_guard_band = jnp.any(is_past_guard_band)
-    outlines = None
+    crossed_edges = None
     if plan.hard.edge_gradients:
-        outlines = _outlines(corners, segments, edges, scene.triangles, grid)
-    surface = _surface(scene, edges, weights, outlines, orientation, plan)
+        crossed_edges = _outlines(corners, grid_triangles, edges, scene.triangles, grid)
+    surface = _surface(scene, edges, weights, crossed_edges, orientation, plan)
     depths = None
     if scene.depth is not None:
         corner_depth = materialized(at_corners)(scene.depth, scene.triangles, orientation)
         depths = Depths(edges, weights, jax.lax.stop_gradient(corner_depth))
     occluders = materialized(is_occluder)(scene, orientation)
-    return Projected(edges, bounds, outlines, surface, depths, occluders, leaves_guard_band)
+    return Projected(edges, bounds, crossed_edges, surface, depths, occluders, leaves_guard_band)
 
 
 def _outlines(
     corners: fixed_point.Corners,
-    segments: GridTriangles,
+    grid_triangles: GridTriangles,
     edges: Edges,
     triangles: Int[Array, "triangles 3"],
     grid: Grid,
-) -> Outlines:
+) -> CrossedEdges:
     """Gather the edges of all triangles, and the lines of samples that they cross."""
     # The lines are computed in separate programs: an image without its derivative needs only their
     # number, to compare with the capacity for crossings.
-    sides, vertex = materialized(_reoriented_sides)(corners.high, segments, triangles)
+    sides, vertex = materialized(_reoriented_sides)(corners.high, grid_triangles, triangles)
     first, count = (
-        materialized(lambda segments, which=which: lines_crossed(segments, grid)[which])(segments)
+        materialized(
+            lambda grid_triangles, which=which: lines_crossed(grid_triangles, grid)[which]
+        )(grid_triangles)
         for which in (0, 1)
     )
-    return Outlines(sides, edges, vertex, first, count)
+    return CrossedEdges(sides, edges, vertex, first, count)
 
 
 def _reoriented_sides(
     corners: Float[Array, "triangles 3 2"],
-    segments: GridTriangles,
+    grid_triangles: GridTriangles,
     triangles: Int[Array, "triangles 3"],
 ) -> tuple[Sides, Int[Array, "triangles 3"]]:
     """Reorient the triangles to positive orientation.
 
     Returns their sides, in pixels, and the vertex index of each corner.
     """
-    orientation = segments.orientation
+    orientation = grid_triangles.orientation
     vertex = reorient(triangles.T, orientation).T
     x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
     start = jnp.stack([x, y])
-    return Sides(start, jnp.roll(start, -1, 2), is_steep(segments).T), vertex
+    return Sides(start, jnp.roll(start, -1, 2), is_steep(grid_triangles).T), vertex
 
 
 def _surface(
     scene: Scene,
     edges: Edges,
     weights: WeightPlanes | None,
-    outlines: Outlines | None,
+    crossed_edges: CrossedEdges | None,
     orientation: Int[Array, " triangles"],
     plan: Plan,
 ) -> Surface:
     """Gather the data that shading needs.
 
-    With `outlines`, the corner attributes get the interior term as their derivative by positions.
+    With `crossed_edges`, the derivative of the corner attributes by positions is the interior term.
     """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, orientation
     )
-    if outlines is not None and varies(scene):
+    if crossed_edges is not None and varies(scene):
         gradients = weight_gradients(edges, weights, plan.grid, scene.positions.dtype)
-        corners = attach_interior_term(corners, scene.positions, outlines.vertex, gradients)
+        corners = attach_interior_term(corners, scene.positions, crossed_edges.vertex, gradients)
     return surface_of(edges, weights, corners, scene.texture_index, scene.textures, plan.filter)
 
 

@@ -68,7 +68,7 @@ def resolve(
         is_clear = (visible.triangle < 0)[..., None]
         image = jnp.mean(jnp.where(is_clear, background, values), 2)
         colors = ArrayColors(background, values.reshape(-1, channels), plan.grid)
-    if projected.outlines is not None:
+    if projected.crossed_edges is not None:
         front, covered = find_visible(binned, scene, plan)
         samples = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)
         image = image + _boundary(visible, projected, samples, channels)
@@ -80,10 +80,10 @@ def _boundary(
 ) -> Float[Array, "height width channels"]:
     """Return an image of zeros whose derivative is the boundary term."""
     scene, plan = visible.scene, visible.plan
-    assert projected.outlines is not None
+    assert projected.crossed_edges is not None
     capacity = plan.capacity_of(scene.triangles.shape[0])
     shape = boundary_shape(plan.tiling, channels, capacity)
-    return boundary_term(shape, scene.positions, scene.depth, projected.outlines, samples)
+    return boundary_term(shape, scene.positions, scene.depth, projected.crossed_edges, samples)
 
 
 def _mean_of_shaded(

@@ -122,14 +122,14 @@ def _composite_translucent(
             projected.surface, pairs, steps, tiling, max_list_length=max_list_length
         )
     image = over.to_image(sums, background, tiling)
-    if projected.outlines is not None:
+    if projected.crossed_edges is not None:
         colors = LayerColors.of_surface(projected.surface)
         samples = LayeredSamples(
             covered, passed, lists, projected.edges, projected.depths, colors, background
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
-            shape, scene.positions, scene.depth, projected.outlines, samples
+            shape, scene.positions, scene.depth, projected.crossed_edges, samples
         )
     return image
 
@@ -167,13 +167,13 @@ def _sum_opaque(
         totals = opaque.sum_chunks(chunk_sums, chunks, max_chunks=capacity.max_chunks)
     totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
     image = opaque.to_image(totals, tiling)
-    if projected.outlines is not None:
+    if projected.crossed_edges is not None:
         samples = OpaqueSamples(
             front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = image + boundary_term(
-            shape, scene.positions, scene.depth, projected.outlines, samples
+            shape, scene.positions, scene.depth, projected.crossed_edges, samples
         )
     return image, fragment_count
 

@@ -12,7 +12,7 @@ from ..binning.tiles import TileLists
 from ..coverage.depth_test import keep_nearest
 from ..coverage.sampled import coverage_words, gather_words, remove_hidden
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import Outlines
+from ..gradients.boundary_term import CrossedEdges
 from ..gradients.crossings import count_runs
 from ..gradients.visible_front import Front
 from ..numerics.fusion_barrier import materialized
@@ -63,9 +63,9 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
         occluders = jnp.zeros_like(occluders)
     lists = list_for_plan(projected.edges, projected.bounds, occluders, plan)
     needs = Needs(strips=lists.strips, pairs=lists.pairs)
-    if projected.outlines is not None:
+    if projected.crossed_edges is not None:
         total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
-        needs = needs._replace(runs=total_runs(projected.outlines))
+        needs = needs._replace(runs=total_runs(projected.crossed_edges))
     steps = None
     # With depth, no triangle is known to hide another, so the plan's capacity for steps counts all
     # triangles. Without depth it leaves out hidden ones, so lists that have them get no steps.
@@ -75,10 +75,10 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     return BinnedScene(projected, lists, steps, needs)
 
 
-def _total_runs(outlines: Outlines, *, tiling: Tiling) -> Int[Array, ""]:
+def _total_runs(crossed_edges: CrossedEdges, *, tiling: Tiling) -> Int[Array, ""]:
     """Number of runs of crossings (`gradients.crossings`), summed over all edges."""
-    first, count = outlines.first.T, outlines.count.T
-    return saturated_sum(count_runs(first, count, outlines.sides.steep, tiling).reshape(-1))
+    first, count = crossed_edges.first.T, crossed_edges.count.T
+    return saturated_sum(count_runs(first, count, crossed_edges.sides.steep, tiling).reshape(-1))
 
 
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:

@@ -67,7 +67,7 @@ def test_few_far_triangles_are_cut_like_all(far):
         for as_array in (np.asarray, jnp.asarray)
     )
     assert on_host.is_far.sum() >= far / 2
-    for name in ("segments", "edges", "bounds", "is_far"):
+    for name in ("grid_triangles", "edges", "bounds", "is_far"):
         for one, other in zip(
             jax.tree.leaves(getattr(on_host, name)),
             jax.tree.leaves(getattr(on_device, name)),
@@ -89,7 +89,7 @@ def test_coverage_orientation_and_weights_equal_the_oracle(origin):
         snapped = snap(corners[None], on, anywhere=True)[0]
         (x0, y0), (x1, y1), (x2, y2) = snapped
         area = (x1 - x0) * (y2 - y0) - (y1 - y0) * (x2 - x0)
-        assert projection.segments.orientation[0] == np.sign(area)
+        assert projection.grid_triangles.orientation[0] == np.sign(area)
         covered = footprint(snapped, on)
         expected = np.zeros((height * on.rate, width * on.rate), bool)
         expected[covered.rows, covered.columns] = covered.inside

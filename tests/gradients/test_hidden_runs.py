@@ -47,26 +47,26 @@ def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
 
 
 def _crossings(scene: sr.Scene, samples: int):
-    """The outlines of a scene, all runs, their crossings, its visible samples, and the shape."""
+    """The edges of a scene, all runs, their crossings, its visible samples, and the shape."""
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(samples))
     binned = bin_scene(scene, plan)
     projected = binned.projected
-    outlines = projected.outlines
-    assert outlines is not None
+    crossed_edges = projected.crossed_edges
+    assert crossed_edges is not None
     capacity = plan.capacity_of(COUNT)
     runs = list_runs(
-        outlines.first,
-        outlines.count,
-        outlines.sides.steep,
+        crossed_edges.first,
+        crossed_edges.count,
+        crossed_edges.sides.steep,
         tiling=plan.tiling,
         capacity=capacity.runs,
     )
-    sides, edges, _, first, count = outlines
+    sides, edges, _, first, count = crossed_edges
     crossings = find_crossings(sides, edges, first, count, runs, plan.tiling)
     front, covered = find_visible(binned, scene, plan)
     colors = SurfaceColors(jnp.ones(3), projected.surface)
     opaque = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)
-    return outlines, runs, crossings, opaque, boundary_shape(plan.tiling, 3, capacity)
+    return crossed_edges, runs, crossings, opaque, boundary_shape(plan.tiling, 3, capacity)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,9 @@ def _crossings(scene: sr.Scene, samples: int):
     [(4, True, False), slowly(4, False, True), slowly(9, True, False), slowly(9, True, True)],
 )
 def test_hidden_runs_change_nothing_and_many_others_do(samples, thin, depth):
-    outlines, runs, crossings, opaque, shape = _crossings(_soup(thin=thin, depth=depth), samples)
+    crossed_edges, runs, crossings, opaque, shape = _crossings(
+        _soup(thin=thin, depth=depth), samples
+    )
     jumps = np.asarray(jax.jit(_opaque_jumps, static_argnums=0)(shape, opaque, crossings))
     changes_image = (jumps != 0).any((0, 1))
     nearest, farthest = distance_range(opaque.depths, COUNT)
@@ -94,7 +96,7 @@ def test_hidden_runs_change_nothing_and_many_others_do(samples, thin, depth):
     assert changes_image.sum() > 0.4 * kept.sum()
     # Dropping runs block by block leaves the same runs.
     block = next(size for size in range(50, 500) if len(runs.rank) % size == 0)
-    left = _without_hidden(outlines, opaque, runs, shape.tiling, block)
+    left = _without_hidden(crossed_edges, opaque, runs, shape.tiling, block)
     for actual, expected in zip(left, keep_runs(runs, jnp.asarray(kept)), strict=True):
         np.testing.assert_array_equal(actual, expected)
 

@@ -30,14 +30,14 @@ def _outlines(samples: int):
     corners[:2] = np.round(corners[:2])
     scene = sr.Scene.from_soup(corners, np.ones((COUNT, 3)))
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(samples))
-    outlines = bin_scene(scene, plan).projected.outlines
-    assert outlines is not None
-    return outlines, plan
+    crossed_edges = bin_scene(scene, plan).projected.crossed_edges
+    assert crossed_edges is not None
+    return crossed_edges, plan
 
 
-def _crossings(outlines, tiling):
+def _crossings(crossed_edges, tiling):
     """All runs, followed by `SPARE` unused entries, and their crossings."""
-    sides, edges, _, first, count = outlines
+    sides, edges, _, first, count = crossed_edges
     number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
     runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + SPARE)
     return runs, find_crossings(sides, edges, first, count, runs, tiling)
@@ -45,9 +45,9 @@ def _crossings(outlines, tiling):
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
-    outlines, plan = _outlines(samples)
-    runs, crossings = _crossings(outlines, plan.tiling)
-    sides, _, _, first, count = outlines
+    crossed_edges, plan = _outlines(samples)
+    runs, crossings = _crossings(crossed_edges, plan.tiling)
+    sides, _, _, first, count = crossed_edges
     tiling = plan.tiling
     number = int((np.asarray(runs.rank) >= 0).sum())
     assert number == len(runs.rank) - SPARE
@@ -88,8 +88,8 @@ def _crossings_on_canvas(sides, first, count, grid) -> int:
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
-    outlines, plan = _outlines(samples)
-    _, crossings = _crossings(outlines, plan.tiling)
+    crossed_edges, plan = _outlines(samples)
+    _, crossings = _crossings(crossed_edges, plan.tiling)
     tiling = plan.tiling
     column, row = (np.asarray(axis) for axis in crossings.outside)
     tile = row // tiling.sample_rows * tiling.columns + column // tiling.sample_columns
