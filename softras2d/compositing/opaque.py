@@ -307,20 +307,24 @@ def _spread_to_chunks(
     return jnp.where(is_used, total[chunks.tile], 0.0)
 
 
-def add_background(
+def to_image(
     sums: Float[Array, "tiles channels fields word_rows"],
     covered: UInt32[Array, "chunks rows"],
     chunks: Chunks,
     background: Float[Array, " channels"],
     tiling: Tiling,
-) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the background at the samples that no triangle of the tile covers.
+) -> Float[Array, "height width channels"]:
+    """Average the samples of each pixel, and crop to the canvas.
 
-    `covered` has, for each chunk, coverage words of the samples that it or a chunk before it in its
-    tile covers. The background has as many channels as `sums`.
+    - `sums`: the colours of the visible triangles, summed over the samples of each pixel, in the
+      layout of unpacked arrays (`Packing`).
+    - `covered`: for each chunk, coverage words of the samples that it or a chunk before it in its
+      tile covers.
+    - `background`: the colour of the samples that no triangle covers, with as many channels as
+      `sums`.
     """
     uncovered = sample_sums(uncovered_words(covered, chunks), tiling, moments=False)
-    return _add_background(sums, uncovered.count, background, tiling)
+    return _average(sums, uncovered.count, background, tiling)
 
 
 @materialized
@@ -329,22 +333,10 @@ def uncovered_words(
 ) -> UInt32[Array, "tiles rows"]:
     """Make the words of the samples that no chunk of a tile covers, for each tile.
 
-    `covered` is as in `add_background`. Bits past the last sample of a row are set too.
+    `covered` is as in `to_image`. Bits past the last sample of a row are set too.
     """
     last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
     return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _add_background(
-    sums: Float[Array, "tiles channels fields word_rows"],
-    count: UInt32[Array, "tiles word_rows"],
-    background: Float[Array, " channels"],
-    tiling: Tiling,
-) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the background times `count`, the packed number of uncovered samples of each pixel."""
-    number = unpack(count, tiling).astype(sums.dtype)
-    return sums + number[:, None] * background[None, :, None, None]
 
 
 @materialized
@@ -356,17 +348,21 @@ def with_alpha(
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
-def to_image(
-    sums: Float[Array, "tiles channels fields word_rows"], tiling: Tiling
+def _average(
+    sums: Float[Array, "tiles channels fields word_rows"],
+    count: UInt32[Array, "tiles word_rows"],
+    background: Float[Array, " channels"],
+    tiling: Tiling,
 ) -> Float[Array, "height width channels"]:
-    """Average the samples of each pixel, and crop to the canvas.
+    """Add the background at the uncovered samples of each pixel, and divide by all samples.
 
-    `sums` are over the samples of each pixel, in the layout of unpacked arrays (`Packing`).
+    `count` is the packed number of uncovered samples of each pixel.
     """
     packing = Packing.of(tiling.grid.rate)
     channels = sums.shape[1]
-    split = sums.reshape(
+    uncovered = unpack(count, tiling).astype(sums.dtype)[:, None]
+    totals = (sums + uncovered * background[None, :, None, None]).reshape(
         tiling.rows, tiling.columns, channels, packing.fields, packing.words, tiling.height
     )
-    image = split.transpose(0, 5, 1, 3, 4, 2)
+    image = totals.transpose(0, 5, 1, 3, 4, 2)
     return tiling.crop(image.reshape((*tiling.padded_shape, channels))) / tiling.grid.samples

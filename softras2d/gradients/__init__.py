@@ -4,9 +4,9 @@ The boundary term is the change of the image because edges move over samples, an
 do along which triangles interpenetrate. The interior term is the change because colours inside of
 triangles move with the vertices.
 
-`boundary_term` adds up all crossings. In an opaque scene it compares the triangles that are visible
-on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in front of the
-edge's triangle and those behind it.
+`boundary_term` adds up all crossings. In an opaque scene, `color_jumps` compares the triangles that
+are visible on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in
+front of the edge's triangle and those behind it.
 
 Terms in this folder: a *line* is a row or a column of samples, and a *crossing* is a point where an
 edge crosses a line. A *run* is up to eight successive crossings of one edge. The *inside* of a

@@ -13,7 +13,8 @@ from ..geometry.fixed_point import Edges, GridTriangles, SampleBounds, reorient
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import BoundaryShape, CrossedEdges
+from ..gradients.boundary_shape import BoundaryShape
+from ..gradients.boundary_term import CrossedEdges
 from ..gradients.crossings import Sides, is_steep, lines_crossed
 from ..gradients.interior_term import attach_interior_term, weight_gradients
 from ..numerics.fusion_barrier import materialized

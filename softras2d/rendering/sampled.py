@@ -18,7 +18,7 @@ from ..compositing.over_shaded import composite_shaded
 from ..compositing.sample_blocks import list_pairs
 from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import boundary_term
+from ..gradients.boundary_term import with_boundary_term
 from ..gradients.layered_samples import LayeredSamples
 from ..gradients.sample_colors import LayerColors, OpaqueSamples, SurfaceColors
 from ..numerics.fusion_barrier import materialized
@@ -128,8 +128,8 @@ def _composite_translucent(
             covered, passed, lists, projected.edges, projected.depths, colors, background
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
-        image = image + boundary_term(
-            shape, scene.positions, scene.depth, projected.crossed_edges, samples
+        image = with_boundary_term(
+            shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
         )
     return image
 
@@ -165,15 +165,14 @@ def _sum_opaque(
     else:
         chunk_sums = _sum_slots(surface, visible, chunks, tiling)
         totals = opaque.sum_chunks(chunk_sums, chunks, max_chunks=capacity.max_chunks)
-    totals = opaque.add_background(totals, covered_so_far, chunks, background, tiling)
-    image = opaque.to_image(totals, tiling)
+    image = opaque.to_image(totals, covered_so_far, chunks, background, tiling)
     if projected.crossed_edges is not None:
         samples = OpaqueSamples(
             front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
-        image = image + boundary_term(
-            shape, scene.positions, scene.depth, projected.crossed_edges, samples
+        image = with_boundary_term(
+            shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
         )
     return image, fragment_count
 
