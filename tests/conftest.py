@@ -38,11 +38,11 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("softras2d")
 
 
-_SHARE_OF_MAPS = 0.06
-"""Fraction of the memory maps allowed, some 4,000, from which on compiled programs are dropped.
+_MAX_MAPS = 4000
+"""Number of memory maps of a process above which its compiled programs are dropped.
 
-The heap of a process then stays below about 1.5 GB. With the share that the package uses it grew to
-7 GB in the slow tests, and a test at the end took up to thirty times as long as it does alone.
+The process then stays below about 2.5 GB. With the default of `drop_programs` it grew to 7 GB in
+the slow tests, and a test at the end took up to thirty times as long as it does alone.
 """
 
 
@@ -50,7 +50,7 @@ The heap of a process then stays below about 1.5 GB. With the share that the pac
 def _drop_programs() -> Iterator[None]:
     """Drop compiled programs after a test, before they slow down the tests after it."""
     yield
-    drop_programs(_SHARE_OF_MAPS)
+    drop_programs(_MAX_MAPS)
 
 
 @pytest.fixture

@@ -16,10 +16,10 @@ _SHARE = 0.3
 of a loop may compile many programs."""
 
 
-def drop_programs(share: float = _SHARE) -> bool:
-    """Drop all compiled programs if the process has more than a share of its memory maps.
+def drop_programs(max_maps: int | None = None) -> bool:
+    """Drop all compiled programs if the process has more than `max_maps` memory maps.
 
-    `share` is a fraction of the number of maps that the system allows. Returns whether programs
+    By default, `max_maps` is a share of the number that the system allows. Returns whether programs
     were dropped. Call it in loops that compile again and again, between two steps and outside any
     trace. Programs that are needed later are compiled again. On a system without such a limit it
     does nothing and returns false.
@@ -29,7 +29,7 @@ def drop_programs(share: float = _SHARE) -> bool:
         maps = _MAPS.read_bytes().count(b"\n")
     except (OSError, ValueError):
         return False
-    if maps <= share * limit:
+    if maps <= (_SHARE * limit if max_maps is None else max_maps):
         return False
     jax.clear_caches()
     return True
