@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
+from softras2d.comparison.screenshot import FAR, screenshot
+from softras2d.comparison.similarity import psnr
 from softras2d.io.svg.reading.reader import svg_size
-from tests.cases.browser import psnr, require_browser, screenshot
+from tests.cases.browser import require_browser
 
 from ..common import machine, report
 
 HERE = Path(__file__).parent
 DRAWINGS = sorted((HERE / "drawings").glob("*.svg"))
 PACKAGES = ("softras2d", "jax", "numpy", "shapely", "fonttools", "tinycss2", "cssselect2")
-
-FAR = 24 / 255
-"""Difference of a channel, in 0..1, that antialiasing alone exceeds in few pixels."""
 
 
 def measure(path: Path, browser: str) -> tuple[dict[str, Any], np.ndarray]:
@@ -33,8 +32,8 @@ def measure(path: Path, browser: str) -> tuple[dict[str, Any], np.ndarray]:
     row = {
         "drawing": path.stem,
         "triangles": scene.triangles.shape[0],
-        "psnr": psnr(ours, theirs),
-        "far": 100 * float((difference.max(axis=-1) > FAR).mean()),
+        "psnr": float(psnr(ours, theirs)),
+        "far": 100 * float((255 * difference.max(axis=-1) > FAR).mean()),
     }
     gap = np.ones((height, 8, 3), np.float32)
     pictures = [ours, gap, theirs, gap, 1.0 - np.clip(4 * difference, 0.0, 1.0)]
@@ -50,7 +49,7 @@ def main() -> None:
         print(row, flush=True)
         sr.write_image(HERE / "results" / f"{path.stem}.png", picture)
     report.write_csv(HERE / "results" / "browsers.csv", rows)
-    header = ["drawing", "triangles", "PSNR, dB", f"pixels over {FAR * 255:.0f} of 255, %"]
+    header = ["drawing", "triangles", "PSNR, dB", f"pixels over {FAR} of 255, %"]
     lines = [
         [row["drawing"], f"{row['triangles']:,}", f"{row['psnr']:.1f}", f"{row['far']:.2f}"]
         for row in rows

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
+from softras2d.comparison.screenshot import screenshot
+from softras2d.comparison.similarity import psnr
 from softras2d.io.svg.writing.browser_gradients import in_browsers
-from tests.cases.browser import psnr, require_browser, screenshot
+from tests.cases.browser import require_browser
 
 from ..common import machine, report
 
@@ -82,13 +84,14 @@ def measure(name: str, folder: Path, browser: str) -> dict[str, Any]:
     row: dict[str, Any] = {"scene": name, "triangles": result.scene.triangles.shape[0]}
     for kind, text in files.items():
         path.write_text(text)
-        row[f"{kind}_db"] = psnr(screenshot(browser, path, height=height, width=width), reference)
-    shown = in_browsers(result.scene)
+        shown = screenshot(browser, path, height=height, width=width)
+        row[f"{kind}_db"] = float(psnr(shown, reference))
+    expected = in_browsers(result.scene)
     row["estimate_db"] = float("inf")
-    if shown is not result.scene:
-        plan = sr.plan(shown, height=height, width=width, coverage=sr.Hard(samples=16))
-        image = np.asarray(sr.render(shown, plan))
-        row["estimate_db"] = psnr(np.clip(image[..., :3], 0.0, 1.0), reference)
+    if expected is not result.scene:
+        plan = sr.plan(expected, height=height, width=width, coverage=sr.Hard(samples=16))
+        image = np.asarray(sr.render(expected, plan))
+        row["estimate_db"] = float(psnr(np.clip(image[..., :3], 0.0, 1.0), reference))
     row["polygons_kb"] = len(files["polygons"]) / 1000
     row["written_kb"] = len(written) / 1000
     return row

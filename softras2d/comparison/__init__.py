@@ -1,1 +1,1 @@
-"""This stage measures how much two images differ."""
+"""This stage measures how much two images differ; one of them may be what a browser shows."""

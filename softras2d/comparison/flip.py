@@ -9,6 +9,8 @@ Evaluator for Alternating Images* (Proc. ACM CGIT 3(2), 2020).
 import numpy as np
 from jaxtyping import Float
 
+from .pixels import on_white
+
 INSTALL = 'pip install "softras2d[compare]"'
 """Command that installs `flip-evaluator`."""
 
@@ -28,13 +30,6 @@ def mean_flip(
     except ImportError as missing:
         raise ImportError(f"FLIP needs flip-evaluator: {INSTALL} ({missing}).") from missing
     _, mean, _ = flip_evaluator.evaluate(
-        _on_white(reference), _on_white(image), "LDR", applyMagma=False
+        on_white(reference), on_white(image), "LDR", applyMagma=False
     )
     return float(mean)
-
-
-def _on_white(pixels: Float[np.ndarray, "height width channels"]) -> np.ndarray:
-    """Composite a premultiplied image over white; returns RGB as float32 in 0..1."""
-    if pixels.shape[-1] == 4:
-        pixels = pixels[..., :3] + (1 - pixels[..., 3:])
-    return np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32)

@@ -1,9 +1,9 @@
-"""Converts two images to the same channels, so that they can be subtracted."""
+"""Converts two images to the same channels, so that they can be subtracted, or to opaque ones."""
 
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float32, Float64
 
 from ..color import premultiply
 from ..io.pixel_values import as_pixels
@@ -43,6 +43,15 @@ def pixel_difference(
 ) -> Float64[np.ndarray, "height width"]:
     """Largest absolute difference among the channels of each pixel."""
     return np.abs(actual - expected).max(axis=-1)
+
+
+def on_white(
+    pixels: Float[np.ndarray, "height width channels"],
+) -> Float32[np.ndarray, "height width 3"]:
+    """Composite a premultiplied image over white; returns RGB as float32 in 0..1."""
+    if pixels.shape[-1] == 4:
+        pixels = pixels[..., :3] + (1 - pixels[..., 3:])
+    return np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32)
 
 
 def _rgb_or_rgba(pixels: np.ndarray) -> Float64[np.ndarray, "height width channels"]:

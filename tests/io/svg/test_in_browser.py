@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.comparison.screenshot import screenshot
+from softras2d.comparison.similarity import psnr
 from softras2d.io.svg.writing.browser_gradients import in_browsers
 
-from ...cases.browser import psnr, require_browser, screenshot
+from ...cases.browser import require_browser
 from ...cases.marks import slowly
 
 HEIGHT, WIDTH = 144, 192
