@@ -15,6 +15,7 @@ from .fit_paths import (
     BUNDLED,
     STANDARD_STREAM,
     check_animation,
+    check_compare_in,
     check_digits,
     check_input,
     check_outputs,
@@ -32,6 +33,7 @@ def fit_picture(
     translucent: fit_options.Translucent = False,
     output: fit_options.Output = None,
     digits: fit_options.Digits = None,
+    compare_in: fit_options.CompareIn = None,
     seconds: fit_options.Seconds = None,
     steps: fit_options.Steps = None,
     solver: fit_options.Solver = "adam",
@@ -87,14 +89,18 @@ def fit_picture(
         target = targets[0] if targets else None
         outputs = output or [_default_output(target)]
         options = PictureOptions(
-            target, outputs, digits, weights, focus or (), start, resume, watch, browser
-        )
+            target, outputs, digits, compare_in, weights, focus or (), start, resume, watch,
+            browser,
+        )  # fmt: skip
         other_options = {"weights": weights, "focus": focus, "start": start}
         with errors_name_options(options.values):
             _check_arguments(settings, steps, seconds)
         check_start(start, family)
         if animation is not None:
-            unsupported = {"output": output, "seconds": seconds, "resume": resume, "watch": watch}
+            unsupported = {
+                "output": output, "compare_in": compare_in, "seconds": seconds, "resume": resume,
+                "watch": watch,
+            }  # fmt: skip
             _check_film(targets or [], animation, digits, given | other_options | unsupported)
             film_options = FilmOptions(animation, frame_steps, temporal, fps, digits)
             _fit_film(targets or [], film_options, settings, steps, start_seconds, console, bar)
@@ -125,6 +131,7 @@ def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
 def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
     """Raise `ValueError` for more than one picture, and for outputs that cannot be written.
 
+    It is also raised for options about SVG files if none is written, and for a missing browser.
     `pictures` are all pictures that the user has named.
     """
     if len(pictures) > 1:
@@ -137,6 +144,7 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
     inputs[Path(options.start)] = "what the fit starts from"
     check_outputs(options.outputs, {path: role for path, role in inputs.items() if path})
     check_digits(options.digits, options.outputs)
+    check_compare_in(options.compare_in, options.outputs)
 
 
 def _default_output(target: Path | None) -> Path:
@@ -179,7 +187,8 @@ def _list_changed_options(options: dict[str, Any]) -> str:
     """
     defaults = inspect.signature(fit_picture).parameters
     changed = [name for name, value in options.items() if value != defaults[name].default]
-    return ", ".join("-n" if name == "triangles" else f"--{name}" for name in changed)
+    options_of_names = {"triangles": "-n", "compare_in": "--compare-in"}
+    return ", ".join(options_of_names.get(name, f"--{name}") for name in changed)
 
 
 _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")

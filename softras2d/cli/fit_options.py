@@ -104,6 +104,16 @@ Digits = Annotated[
         rich_help_panel=_RESULT,
     ),
 ]
+CompareIn = Annotated[
+    str | None,
+    typer.Option(
+        metavar="chromium|PATH",
+        help="After the fit, show the SVG in this browser, without a window, and print how much "
+        "its picture differs from the image of the fit. chromium: Chromium or Chrome, whichever is "
+        "installed; or the command or path of either.",
+        rich_help_panel=_RESULT,
+    ),
+]
 Animation = Annotated[
     Path | None,
     typer.Option(
@@ -271,6 +281,7 @@ class PictureOptions(NamedTuple):
     target: Path | None
     outputs: list[Path]
     digits: int | None
+    compare_in: str | None
     weights: Path | None
     focus: Sequence[Rectangle]
     start: str

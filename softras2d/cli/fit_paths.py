@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from .. import names
+from ..comparison.chromium import BROWSERS, find_browser
 from ..io.outputs import WRITABLE, check_writable_path
 
 STANDARD_STREAM = Path("-")
@@ -59,10 +60,32 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
 
 def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
     """Raise `ValueError` if `digits` is given and none of `paths`, the outputs, is an SVG."""
-    is_svg = STANDARD_STREAM in paths or find_suffix(paths, ".svg") is not None
-    if digits is not None and not is_svg:
+    if digits is not None:
+        _check_svg("--digits", paths)
+
+
+def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
+    """Raise `ValueError` if `--compare-in` is given without an SVG or an installed browser.
+
+    - `name`: the value of the option, a command or a path; None if it is not given.
+    - `paths`: the outputs.
+    """
+    if name is None:
+        return
+    _check_svg("--compare-in", paths)
+    if find_browser(name) is None:
+        wanted = (
+            f"none of {', '.join(BROWSERS)} is installed" if name == BROWSERS[0]
+            else "no such command or program"
+        )  # fmt: skip
+        raise ValueError(f"--compare-in {name}: {wanted}.")
+
+
+def _check_svg(option: str, paths: Sequence[Path]) -> None:
+    """Raise `ValueError`, which names `option`, if none of `paths`, the outputs, is an SVG."""
+    if STANDARD_STREAM not in paths and find_suffix(paths, ".svg") is None:
         names_of_files = ", ".join(map(str, paths))
-        raise ValueError(f"--digits is for SVG files; got no SVG to write, but {names_of_files}.")
+        raise ValueError(f"{option} is for SVG files; got no SVG to write, but {names_of_files}.")
 
 
 def check_start(text: str, family: str) -> None:

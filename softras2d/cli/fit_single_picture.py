@@ -15,6 +15,7 @@ from ..fitting.result import FitResult
 from ..io.images import MAX_IMAGE_BYTES, decode_image, read_image
 from ..numerics.compilation_cache import keep_compiled_programs
 from .fit_bar import FitBar
+from .fit_browser import browser_line
 from .fit_errors import errors_name_options
 from .fit_files import AnimationFrames, write_all
 from .fit_options import SECONDS, PictureOptions
@@ -32,6 +33,9 @@ _ANIMATION_SECONDS = 5.0
 _BROWSER_SECONDS = 4.0
 """Seconds reserved for drawing an SVG's gradients as browsers do; at most a fifth of the time
 limit."""
+
+_CHROMIUM_SECONDS = 3.0
+"""Seconds reserved for showing an SVG in a browser; at most a fifth of the time limit."""
 
 _LAST_PICTURE_SECONDS = 10.0
 """Maximum number of seconds to wait until the page that shows the fit has its last image."""
@@ -57,7 +61,7 @@ def fit_single_picture(
     """
     keep_compiled_programs()
     outputs, resume, target = options.outputs, options.resume, options.target
-    family, shading = settings["family"], settings["shading"]
+    family = settings["family"]
     bar.show(f"reading {target or BUNDLED}")
     picture = _read_picture(target)
     _check_alpha(outputs, picture, settings["background"])
@@ -71,8 +75,8 @@ def fit_single_picture(
     )
     weights = pixel_weights(options.weights, options.focus, height, width)
     if steps is None:
-        gradients = bool(find_suffix(outputs, ".svg")) and _has_corner_colors(family, shading)
-        seconds = _seconds_of_fit(seconds, start_seconds, frames is not None, gradients)
+        has_corner_colors = _has_corner_colors(family, settings["shading"])
+        seconds = _seconds_of_fit(seconds, start_seconds, options, has_corner_colors)
     with _watched(picture, target, options.watch, options.browser) as watched:
         bar.followers = [follower for follower in (frames, watched) if follower is not None]
         bar.show("starting")
@@ -90,6 +94,10 @@ def fit_single_picture(
         stdout.print(line, markup=False)
         if watched is not None:
             watched.finish(result, _LAST_PICTURE_SECONDS)
+    if options.compare_in is not None:
+        bar.show("comparing in the browser")
+        with announce_signals(console):  # SIGTERM must end the browser too.
+            stdout.print(browser_line(options, result), markup=False)
     if result.interrupted:
         raise KeyboardInterrupt
 
@@ -136,20 +144,25 @@ def _has_corner_colors(family: str, shading: str | None) -> bool:
 
 
 def _seconds_of_fit(
-    seconds: float | None, start_seconds: float, animation: bool, gradients: bool
+    seconds: float | None, start_seconds: float, options: PictureOptions, has_corner_colors: bool
 ) -> float:
     """Seconds that are left for the fit itself, at least 0.001.
 
     - `seconds`: time limit of the whole command; None means `SECONDS`.
     - `start_seconds`: when the command began, on the clock of `time.perf_counter`.
-    - `animation`, `gradients`: whether an animation, or an SVG with gradients, is drawn afterwards,
-      for which time is reserved.
+    - `options`: time is reserved for an animation, for an SVG with gradients, and for comparing an
+      SVG in a browser.
+    - `has_corner_colors`: whether an SVG of the fit has gradients.
     """
     elapsed = time.perf_counter() - start_seconds
     limit = SECONDS if seconds is None else seconds
-    reserved = elapsed + animation * min(_ANIMATION_SECONDS, 0.3 * limit)
-    if gradients:
+    reserved = elapsed
+    if find_suffix(options.outputs, ".gif"):
+        reserved += min(_ANIMATION_SECONDS, 0.3 * limit)
+    if find_suffix(options.outputs, ".svg") and has_corner_colors:
         reserved += min(_BROWSER_SECONDS, 0.2 * limit)
+    if options.compare_in is not None:
+        reserved += min(_CHROMIUM_SECONDS, 0.2 * limit)
     return max(1e-3, limit - reserved)
 
 

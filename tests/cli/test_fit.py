@@ -105,7 +105,8 @@ def test_errors_are_one_line(photo, tmp_path, arguments: list[str], message: str
 
 
 @pytest.mark.parametrize(
-    "arguments", [["none.png"], ["-n", "0"], ["-o", "a.txt"], ["--start", "even"]]
+    "arguments",
+    [["none.png"], ["-n", "0"], ["-o", "a.txt"], ["--start", "even"], ["--compare-in", "none"]],
 )
 def test_wrong_arguments_are_refused_before_jax_is_loaded(arguments):
     script = f"""
