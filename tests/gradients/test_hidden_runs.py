@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.gradients.boundary_term import _opaque_jumps, _without_hidden
+from softras2d.gradients.color_jumps import _without_hidden, opaque_jumps
 from softras2d.gradients.crossings import Sample, find_crossings, list_runs
 from softras2d.gradients.hidden_runs import (
     distance_range,
@@ -77,7 +77,7 @@ def test_hidden_runs_change_nothing_and_many_others_do(samples, thin, depth):
     crossed_edges, runs, crossings, opaque, shape = _crossings(
         _soup(thin=thin, depth=depth), samples
     )
-    jumps = np.asarray(jax.jit(_opaque_jumps, static_argnums=0)(shape, opaque, crossings))
+    jumps = np.asarray(jax.jit(opaque_jumps, static_argnums=0)(shape, opaque, crossings))
     changes_image = (jumps != 0).any((0, 1))
     nearest, farthest = distance_range(opaque.depths, COUNT)
     farthest_in_row = farthest_visible_distance(opaque.front, farthest, shape.tiling)
