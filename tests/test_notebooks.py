@@ -20,17 +20,22 @@ def code_of(path: Path) -> str:
 
 def missing_names(code: str) -> Iterator[str]:
     """Names that the code takes from the package and that do not exist there."""
-    for node in ast.walk(ast.parse(code)):
+    known: dict[str, object] = {"sr": sr}
+    nodes = list(ast.walk(ast.parse(code)))
+    for node in nodes:
         match node:
             case ast.ImportFrom(module=str(module)) if module.split(".")[0] == "softras2d":
                 for alias in node.names:
                     # The statement itself, since `from` also finds modules not yet imported.
                     try:
-                        exec(f"from {module} import {alias.name}", {})
+                        exec(f"from {module} import {alias.name}", known)
                     except ImportError:
                         yield f"{module}.{alias.name}"
-            case ast.Attribute(value=ast.Name(id="sr"), attr=name) if not hasattr(sr, name):
-                yield f"sr.{name}"
+    for node in nodes:
+        match node:
+            case ast.Attribute(value=ast.Name(id=name), attr=attribute) if name in known:
+                if not hasattr(known[name], attribute):
+                    yield f"{name}.{attribute}"
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -41,5 +46,5 @@ def test_names_in_a_notebook_exist(path: Path) -> None:
 
 
 def test_missing_names_are_found() -> None:
-    code = "from softras2d.options import gone\nimport softras2d as sr\nsr.render(sr.missing)"
-    assert set(missing_names(code)) == {"softras2d.options.gone", "sr.missing"}
+    code = "from softras2d import plot\nfrom softras2d.options import gone\nplot.missing(sr.absent)"
+    assert set(missing_names(code)) == {"softras2d.options.gone", "plot.missing", "sr.absent"}

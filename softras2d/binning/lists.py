@@ -54,10 +54,10 @@ class Chunks(NamedTuple):
 class Steps(NamedTuple):
     """Steps through the tile lists, block after block; a step visits an entry of each tile's list.
 
-    - `block`, `position`: index of the block of each step, and the position, from 0, of the entries
-      that the step visits in the lists of the block's tiles. The caller chooses the end of a list
-      from which positions count, and must leave out lists that are not longer than `position`.
-      Steps beyond `needed` name the last block at positions past the end of all of its lists.
+    - `block`, `position`: each step visits the entries at one position, from 0, in the lists of
+      one block of tiles. The caller chooses the end of the lists from which positions count, and
+      skips lists that are not longer than `position`. Steps beyond `needed` name the last block
+      with entries, at positions past the end of its lists.
     - `tile`, `start`, `count`: index of each tile of a block, and the first entry and the length of
       its list in `TileLists`. The last block is padded with tile 0 and a length of 0.
     - `slot`: index at which each tile stands in the flattened `tile`. It has nothing to do with the

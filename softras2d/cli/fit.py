@@ -187,8 +187,9 @@ def _list_changed_options(options: dict[str, Any]) -> str:
     """
     defaults = inspect.signature(fit_picture).parameters
     changed = [name for name, value in options.items() if value != defaults[name].default]
-    options_of_names = {"triangles": "-n", "compare_in": "--compare-in"}
-    return ", ".join(options_of_names.get(name, f"--{name}") for name in changed)
+    return ", ".join(
+        "-n" if name == "triangles" else f"--{name.replace('_', '-')}" for name in changed
+    )
 
 
 _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")

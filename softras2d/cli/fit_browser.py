@@ -21,7 +21,8 @@ def browser_line(options: PictureOptions, result: FitResult) -> str:
     scored, with 16 samples per pixel. Therefore the difference includes what the SVG lacks because
     of gradients and of `--digits`.
 
-    Raises `OSError`, with a message of one line, if the browser fails or takes too long.
+    Raises `OSError`, with a message of one line, if the browser fails or takes too long, and
+    `ValueError` if its picture cannot be decoded.
     """
     assert options.compare_in is not None
     browser = find_browser(options.compare_in)

@@ -65,7 +65,7 @@ def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
 
 
 def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
-    """Raise `ValueError` if `--compare-in` is given without an SVG or an installed browser.
+    """Raise `ValueError` if `--compare-in` is given, but no SVG is written or no browser found.
 
     - `name`: the value of the option, a command or a path; None if it is not given.
     - `paths`: the outputs.

@@ -30,11 +30,11 @@ from .view import check_server_packages, shown_address
 _ANIMATION_SECONDS = 5.0
 """Seconds reserved for drawing an animation; at most three tenths of the time limit."""
 
-_BROWSER_SECONDS = 4.0
+_ESTIMATE_SECONDS = 4.0
 """Seconds reserved for drawing an SVG's gradients as browsers do; at most a fifth of the time
 limit."""
 
-_CHROMIUM_SECONDS = 3.0
+_BROWSER_SECONDS = 3.0
 """Seconds reserved for showing an SVG in a browser; at most a fifth of the time limit."""
 
 _LAST_PICTURE_SECONDS = 10.0
@@ -94,7 +94,7 @@ def fit_single_picture(
         stdout.print(line, markup=False)
         if watched is not None:
             watched.finish(result, _LAST_PICTURE_SECONDS)
-    if options.compare_in is not None:
+    if options.compare_in is not None and not result.interrupted:
         bar.show("comparing in the browser")
         with announce_signals(console):  # SIGTERM must end the browser too.
             stdout.print(browser_line(options, result), markup=False)
@@ -160,9 +160,9 @@ def _seconds_of_fit(
     if find_suffix(options.outputs, ".gif"):
         reserved += min(_ANIMATION_SECONDS, 0.3 * limit)
     if find_suffix(options.outputs, ".svg") and has_corner_colors:
-        reserved += min(_BROWSER_SECONDS, 0.2 * limit)
+        reserved += min(_ESTIMATE_SECONDS, 0.2 * limit)
     if options.compare_in is not None:
-        reserved += min(_CHROMIUM_SECONDS, 0.2 * limit)
+        reserved += min(_BROWSER_SECONDS, 0.2 * limit)
     return max(1e-3, limit - reserved)
 
 

@@ -1,4 +1,7 @@
-"""Makes the last line that `softras2d fit` prints. Imports JAX: for use within a command."""
+"""Makes the line about the result that `softras2d fit` prints.
+
+Imports JAX: for use within a command.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -22,8 +22,8 @@ TIME_LIMIT = 120.0
 """Default number of seconds after which a browser without a picture is ended."""
 
 _TRIES = 2
-"""How often a browser is started that ends without a picture: the cause may pass, such as a lack of
-memory."""
+"""Number of times that a browser is started if it ends without a picture. The cause may be
+temporary, such as a lack of memory."""
 
 _LONGEST_FOLDER = 58
 """Longest path, in bytes, of a folder in which Chromium can make its socket.
@@ -50,7 +50,7 @@ _PAGE = (
 
 
 def find_browser(name: str = BROWSERS[0]) -> str | None:
-    """Path of the browser with this name, a command or a path; None if it is not installed.
+    """Find a browser by its command or path; returns its path, or None if it is not installed.
 
     For `chromium` it is the first of `BROWSERS` that is installed.
     """
@@ -69,9 +69,11 @@ def screenshot_file(
     - `browser`: path of Chromium or of a browser that takes its options.
     - `seconds`: time limit of the browser.
 
-    No process and no file of the browser remains. Raises `OSError`, with a message of one line, for
-    a browser that cannot be started or twice ends without a picture, and `TimeoutError` for one
-    that does not end in time.
+    No process of the browser remains, and no file but one: where the path of the folder for
+    temporary files is longer than `_LONGEST_FOLDER`, a browser that is killed leaves its socket.
+
+    Raises `OSError`, with a message of one line, for a browser that cannot be started or twice ends
+    without a picture, and `TimeoutError` for one that does not end in time.
     """
     reason = ""
     for _ in range(_TRIES):
@@ -118,7 +120,7 @@ def _run(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
             env=_environment(folder), start_new_session=True,
         )  # fmt: skip
-    try:
+    try:  # Directly after the start, so that an interrupt ends the browser too.
         code = process.wait(seconds)
     except subprocess.TimeoutExpired:
         raise TimeoutError(f"{browser} made no picture of {svg} within {seconds:g} s.") from None
@@ -130,7 +132,10 @@ def _run(
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """Environment variables under which a browser writes all its files into `folder`."""
+    """Environment variables under which a browser writes its files into `folder`.
+
+    Its socket is not there if the path of the folder is too long.
+    """
     # Crash reports are written into the user's folder of settings, whatever the profile. A profile
     # below that folder would have its cache in the user's folder of caches.
     variables = {"XDG_CONFIG_HOME": str(folder / "settings")}
@@ -146,6 +151,7 @@ def _kill_group(process: subprocess.Popen[bytes]) -> None:
     if sys.platform == "win32":
         process.kill()
     else:
-        with suppress(ProcessLookupError):
+        # macOS refuses permission if all processes of the group have ended.
+        with suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
     process.wait()

@@ -1,4 +1,4 @@
-"""Converts two images to the same channels, so that they can be subtracted, or to opaque ones."""
+"""Prepares images for comparison: the same channels for both, or an opaque image over white."""
 
 from typing import Any
 

@@ -19,7 +19,7 @@ FAR = 24
 
 
 class ScreenshotDifference(NamedTuple):
-    """How much two images of 8 bits differ.
+    """Measures of how much a screenshot differs from the expected image, with 8 bits per channel.
 
     - `mean`, `largest`: absolute difference over all pixels and channels, in levels, 0..255.
     - `far_share`: fraction, 0..1, of the pixels with a channel that differs by more than `FAR`.
@@ -35,7 +35,7 @@ class ScreenshotDifference(NamedTuple):
         return (
             f"mean difference {self.mean:.2f} levels of 255, largest {self.largest:.0f}; "
             f"{100 * self.far_share:.3g} % of pixels differ by more than {FAR} levels; "
-            f"PSNR {self.psnr:.2f} dB"
+            f"PSNR {f'{self.psnr:.2f} dB' if self.mean else 'infinite'}"
         )
 
 
@@ -44,8 +44,8 @@ def screenshot(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Take a picture of an SVG file as the browser shows it on a white page, in sRGB, 0..1.
 
-    The arguments and errors are those of `chromium.screenshot_file`. A picture that is smaller than
-    it should be is an `OSError` too.
+    The arguments and errors are those of `chromium.screenshot_file`. Also raises `OSError` if the
+    picture is smaller than `width` x `height`, and `ValueError` if it cannot be decoded.
     """
     data = screenshot_file(browser, svg, height=height, width=width, seconds=seconds)
     picture = decode_image(data, f"{browser}: the picture of {svg}")[:height, :width, :3]

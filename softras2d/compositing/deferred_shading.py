@@ -37,7 +37,7 @@ def sum_shaded(
 
     - `fragments`: the visible fragments. Each is a pair of a triangle and a pixel that shows it.
     - `covered`: coverage words of the samples that each slot covers, visible or not. They are used
-      only if `shading` is `"pixel"`, where a triangle is shaded at the centroid of the samples of
+      only if `shading` is `"pixel"`: a triangle is then shaded at the centroid of those samples of
       the pixel that it covers.
     - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
       fragment for all of its samples.

@@ -128,9 +128,9 @@ def clip_outline(
     - `side`: the side of a tile, in pixels.
     - `signed`: whether areas keep their sign, as in a sum.
 
-    The unsigned area of a triangle that has collapsed to a segment has a kink: it grows, whichever
-    way a corner moves. So that the derivative is continuous, it falls to zero with
-    `TriangleLines.thickness`. A `signed` area has no kink.
+    When a triangle has collapsed to a segment, its unsigned area grows whichever way a corner
+    moves, so the area has a kink there. To keep the derivative continuous, the derivative is
+    reduced to zero with `TriangleLines.thickness`. A `signed` area has no kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
@@ -249,7 +249,8 @@ def _weighted_lengths(
 def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
     """Speed of the start and of the end of an edge along its outward normal, times its length.
 
-    The length is that of the edge before clipping, and is reduced as `ClippedEdge.full_run` is.
+    The length is that of the whole edge (`ClippedEdge.full_run`, `full_rise`), which is reduced for
+    degenerate triangles.
 
     - `edge`: edge `k` of the triangle, from corner k to the next one.
     - `velocity`: velocities of x and y of corners 0, 1 and 2 in turn.

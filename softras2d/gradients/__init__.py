@@ -1,8 +1,8 @@
 """This stage finds how the image of hard coverage changes with vertex positions and depth.
 
-The boundary term is the change of the image because edges move over samples, and because lines
-do along which triangles interpenetrate. The interior term is the change because colours inside of
-triangles move with the vertices.
+The boundary term is the part of this change that comes from edges, and from lines where triangles
+interpenetrate, as they move over the samples. The interior term comes from the colours inside
+triangles, which move with the vertices.
 
 `boundary_term` adds up all crossings. In an opaque scene, `color_jumps` compares the triangles that
 are visible on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in

@@ -95,9 +95,10 @@ def with_boundary_term(
 ) -> Float[Array, "height width channels"]:
     """Return `image`, whose derivative now includes the boundary term.
 
-    The second derivatives of the boundary term are zero.
+    Its inputs are constants in second derivatives. So these lack the boundary term altogether, also
+    the part of the Hessian of a squared loss that is a product of first derivatives.
 
-    - `image`: must be computed from the positions, or else be batched as they are.
+    - `image`: has the dtype of the positions, and under `jax.vmap` is batched if they are.
     - `positions`: in pixels.
     - `depth`: None for scenes without depth.
     - `crossed_edges`, `samples`: the edges, and the samples at which the scene is drawn.
@@ -108,13 +109,14 @@ def with_boundary_term(
 @functools.partial(with_boundary_term.defjvp, symbolic_zeros=True)
 def _(shape, primals, tangents):
     image, *rest = primals
-    image_change, velocity, depth_change = (
+    total, velocity, depth_tangent = (
         None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:3]
     )
-    total = jnp.zeros_like(image) if image_change is None else image_change
-    if velocity is not None or depth_change is not None:
+    if total is None:
+        total = jnp.zeros_like(image)
+    if velocity is not None or depth_tangent is not None:
         total = total + _image_velocity(
-            shape, *jax.lax.stop_gradient(rest), velocity=velocity, depth_change=depth_change
+            shape, *jax.lax.stop_gradient(rest), velocity=velocity, depth_tangent=depth_tangent
         )
     return image, total
 
@@ -127,11 +129,11 @@ def _image_velocity(
     samples: OpaqueSamples | LayeredSamples,
     *,
     velocity: Float[Array, "vertices 2"] | None,
-    depth_change: Float[Array, " vertices"] | None,
+    depth_tangent: Float[Array, " vertices"] | None,
 ) -> Float[Array, "height width channels"]:
     """Compute how the image changes as edges, and lines of interpenetration, move.
 
-    `velocity` and `depth_change` are the derivatives of `positions` and `depth`; None for zeros.
+    `velocity` and `depth_tangent` are the derivatives of `positions` and `depth`; None for zeros.
     """
     masks = None
     if isinstance(samples, LayeredSamples):
@@ -149,10 +151,10 @@ def _image_velocity(
     if depth is None or depths is None:
         return change
     velocity = jnp.zeros_like(positions) if velocity is None else velocity
-    depth_change = jnp.zeros_like(depth) if depth_change is None else depth_change
+    depth_tangent = jnp.zeros_like(depth) if depth_tangent is None else depth_tangent
     tiling = shape.tiling
     with jax.named_scope("interpenetration"):
-        changes = depth_changes(velocity, depth_change, crossed_edges.vertex, depths, tiling)
+        changes = depth_changes(velocity, depth_tangent, crossed_edges.vertex, depths, tiling)
         search = _pair_search(shape, samples, masks)
         return change + image_change(search, depths, changes, tiling, channels=shape.channels)
 

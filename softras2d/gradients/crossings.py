@@ -106,7 +106,7 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     first = last_sample_until(xp.minimum(start, end), grid) + 1
     last = last_sample_until(xp.maximum(start, end), grid)
     first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
-    # Triangles without area, and edges whose function is a `constant`, have no boundary term.
+    # Triangles without area, and edges whose edge function has a fixed sign, have no boundary term.
     bounding = (grid_triangles.fixed_sign == 0) & (grid_triangles.orientation != 0)[None]
     count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
     return first.astype(xp.int32), count.astype(xp.int32)

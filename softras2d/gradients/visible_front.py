@@ -134,8 +134,8 @@ def _visible_slot(
     """
     visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
     valid_chunk = jnp.maximum(chunk, 0)
-    for layer in range(slots_per_chunk):
-        slot = valid_chunk * slots_per_chunk + layer
+    for number in range(slots_per_chunk):
+        slot = valid_chunk * slots_per_chunk + number
         word = gather(visible_words, slot * rows + word_index)
         is_visible = ((word >> bit) & jnp.uint32(1) == 1) & (chunk >= 0)
         visible_slot = jnp.where(is_visible, slot, visible_slot)

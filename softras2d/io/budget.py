@@ -86,9 +86,9 @@ _LIMITS = {
 class BudgetError(ValueError):
     """Raised for a drawing that needs more work than a limit allows.
 
-    `index` is the index of the shape with which the total exceeds the limit, among the shapes that
-    the caller processes together; 0 where the work is not that of shapes. A message by
-    `Budget.charge` lacks its subject, which the caller puts in front of it.
+    `index` is the index of the shape whose work exceeds the limit, among the shapes that the caller
+    processes together; 0 if the work belongs to no shape. Messages of `Budget.charge` have no
+    subject: the caller puts one in front.
     """
 
     def __init__(self, message: str, index: int = 0):

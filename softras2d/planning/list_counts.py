@@ -65,10 +65,10 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
         fragments = count_fragments(edges, bounds, listed, planes, tiling)
     runs = None
     if coverage.edge_gradients:
-        of_edges = count_runs(
+        runs_of_edges = count_runs(
             *lines_crossed(grid_triangles, grid), is_steep(grid_triangles), tiling
         )
-        runs = int(of_edges.sum(dtype=np.int64))
+        runs = int(runs_of_edges.sum(dtype=np.int64))
     return counts._replace(fragments=fragments, runs=runs)
 
 

@@ -69,7 +69,7 @@ def project_scene(scene: Scene, plan: Plan) -> Projected:
         leaves_guard_band = jnp.any(is_past_guard_band)
     crossed_edges = None
     if plan.hard.edge_gradients:
-        crossed_edges = _outlines(corners, grid_triangles, edges, scene.triangles, grid)
+        crossed_edges = _crossed_edges(corners, grid_triangles, edges, scene.triangles, grid)
     surface = _surface(scene, edges, weights, crossed_edges, orientation, plan)
     depths = None
     if scene.depth is not None:
@@ -79,7 +79,7 @@ def project_scene(scene: Scene, plan: Plan) -> Projected:
     return Projected(edges, bounds, crossed_edges, surface, depths, occluders, leaves_guard_band)
 
 
-def _outlines(
+def _crossed_edges(
     corners: fixed_point.Corners,
     grid_triangles: GridTriangles,
     edges: Edges,
@@ -88,7 +88,7 @@ def _outlines(
 ) -> CrossedEdges:
     """Gather the edges of all triangles, and the lines of samples that they cross."""
     # The lines are computed in separate programs: an image without its derivative needs only their
-    # number, to compare with the capacity for crossings.
+    # number, to compare with the capacity for runs.
     sides, vertex = materialized(_reoriented_sides)(corners.high, grid_triangles, triangles)
     first, count = (
         materialized(
@@ -125,7 +125,8 @@ def _surface(
 ) -> Surface:
     """Gather the data that shading needs.
 
-    With `crossed_edges`, the derivative of the corner attributes by positions is the interior term.
+    With `crossed_edges`, the corner attributes get the interior term as their derivative with
+    respect to positions.
     """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(

@@ -129,7 +129,12 @@ def _composite_translucent(
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = with_boundary_term(
-            shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
+            shape,
+            image.astype(scene.positions.dtype),
+            scene.positions,
+            scene.depth,
+            projected.crossed_edges,
+            samples,
         )
     return image
 
@@ -172,7 +177,12 @@ def _sum_opaque(
         )
         shape = boundary_shape(tiling, image.shape[-1], capacity)
         image = with_boundary_term(
-            shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
+            shape,
+            image.astype(scene.positions.dtype),
+            scene.positions,
+            scene.depth,
+            projected.crossed_edges,
+            samples,
         )
     return image, fragment_count
 

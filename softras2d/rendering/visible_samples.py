@@ -29,7 +29,7 @@ class BinnedScene(NamedTuple):
 
     - `steps`: order in which the depth test and translucency go through the lists; None where
       neither does.
-    - `needs`: lengths needed for the lists that are made so far: strips, pairs, crossings, steps.
+    - `needs`: lengths needed for the lists that are made so far: strips, pairs, runs, steps.
     """
 
     projected: Projected

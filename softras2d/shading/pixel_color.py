@@ -140,11 +140,11 @@ def shade_slots(
         if color.shape[0] == 4:
             opacity = materialized(jnp.multiply)(coverage, color[3])
         color = _channels_second(color)
-    layers = chunks.triangle.shape
+    slots = chunks.triangle.shape
     return ShadedSlots(
-        opacity.reshape(*layers, -1),
-        color.reshape(*layers, 3, -1),
-        None if depth is None else depth.reshape(*layers, -1),
+        opacity.reshape(*slots, -1),
+        color.reshape(*slots, 3, -1),
+        None if depth is None else depth.reshape(*slots, -1),
     )
 
 

@@ -14,12 +14,13 @@ def read_fields(kind: type[T], message: Any) -> T:
     """Make a dataclass of type `kind` from a message, an object that was decoded from JSON.
 
     Each field of the dataclass must be annotated as `int`, `float` or a `Literal` of strings. A
-    whole number fits both `int` and `float`, also if it was sent as 5.0.
+    whole number is accepted for `int` and `float`, even if it was sent as 5.0. A field that the
+    message lacks gets its default.
 
-    A field that the message lacks gets its default. Raises `ValueError`, one line, for a message
-    that is no object, and, naming the field, for a field without a value and default, for a field
-    that the dataclass does not have, and for a value that does not fit, is NaN or infinite. The
-    dataclass may refuse values itself.
+    Raises `ValueError`, with a message of one line, for a message that is not an object. It is also
+    raised, naming the field, for a missing field without default, for an unknown field, and for a
+    value that has the wrong type, is NaN or is infinite. The dataclass itself may refuse further
+    values.
     """
     if not isinstance(message, Mapping):
         raise ValueError(f"{kind.__name__} must be an object; got {type(message).__name__}.")
@@ -28,7 +29,7 @@ def read_fields(kind: type[T], message: Any) -> T:
         if name not in known:
             raise ValueError(f"{kind.__name__} has no field {str(name)[:40]!r}.")
     for name, field in known.items():
-        if name not in message and field.default is MISSING:
+        if name not in message and field.default is field.default_factory is MISSING:
             raise ValueError(f"{kind.__name__} needs the field {name!r}.")
     return kind(
         **{name: read_value(name, known[name].type, value) for name, value in message.items()}

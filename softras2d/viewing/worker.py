@@ -14,7 +14,7 @@ _LOGGER = logging.getLogger(__name__)
 class _Job(NamedTuple):
     """A request whose replies are still to be computed.
 
-    - `rank`: the rank of the request; the least is answered first.
+    - `rank`: 0 for the most urgent requests; requests of greater rank wait.
     - `sequence_number`: of requests of equal rank, the one with the least is answered first.
     - `replies`: computes the next reply when it is advanced.
     - `deliver`: called with each reply.
@@ -27,9 +27,10 @@ class _Job(NamedTuple):
 
 
 class Worker:
-    """Computes replies in a thread of its own, those of least rank first.
+    """Computes replies in a thread of its own, the most urgent first.
 
-    A job with several replies waits after each reply while there are jobs of lower rank.
+    A job with several replies waits after each reply while there are more urgent jobs, of smaller
+    rank.
     """
 
     def __init__(self):
@@ -53,7 +54,7 @@ class Worker:
         - `owner`: the page or output that asks; `forget` drops all of its jobs.
         - `name`: what is asked for. An earlier job of the same owner and name is dropped; if its
           next reply is being computed, that one is still delivered.
-        - `rank`: the rank of the job; the job of least rank is done first.
+        - `rank`: 0 for the most urgent jobs; jobs of greater rank wait.
         """
         with self._changed:
             self._jobs[owner, name] = _Job(rank, next(self._numbers), replies, deliver)

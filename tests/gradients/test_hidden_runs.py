@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.gradients.color_jumps import _without_hidden, opaque_jumps
+from softras2d.gradients.boundary_term import _without_hidden
+from softras2d.gradients.color_jumps import opaque_jumps
 from softras2d.gradients.crossings import Sample, find_crossings, list_runs
 from softras2d.gradients.hidden_runs import (
     distance_range,

@@ -21,7 +21,7 @@ SPARE = 5
 """Unused entries at the end of the list of runs."""
 
 
-def _outlines(samples: int):
+def _crossed_edges(samples: int):
     """Edges of triangles of all sizes, many of them partly off the canvas, and their plan."""
     rng = np.random.default_rng(samples)
     centre = rng.uniform(-0.3, 1.3, (COUNT, 1, 2)) * [WIDTH, HEIGHT]
@@ -45,7 +45,7 @@ def _crossings(crossed_edges, tiling):
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
-    crossed_edges, plan = _outlines(samples)
+    crossed_edges, plan = _crossed_edges(samples)
     runs, crossings = _crossings(crossed_edges, plan.tiling)
     sides, _, _, first, count = crossed_edges
     tiling = plan.tiling
@@ -88,7 +88,7 @@ def _crossings_on_canvas(sides, first, count, grid) -> int:
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
 def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
-    crossed_edges, plan = _outlines(samples)
+    crossed_edges, plan = _crossed_edges(samples)
     _, crossings = _crossings(crossed_edges, plan.tiling)
     tiling = plan.tiling
     column, row = (np.asarray(axis) for axis in crossings.outside)

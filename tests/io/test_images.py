@@ -100,8 +100,8 @@ def test_suffixes_in_capitals_mean_the_same(tmp_path, suffix):
     if suffix not in (".jpg", ".jpeg"):
         image = np.concatenate([image, image[..., :1]], axis=-1)
     write_image(tmp_path / f"image{suffix}", image)
-    write_image(tmp_path / f"IMAGE{suffix.upper()}", image)
-    in_capitals = read_image(tmp_path / f"IMAGE{suffix.upper()}")
+    write_image(tmp_path / f"other{suffix.upper()}", image)
+    in_capitals = read_image(tmp_path / f"other{suffix.upper()}")
     np.testing.assert_array_equal(in_capitals, read_image(tmp_path / f"image{suffix}"))
 
 
