@@ -9,15 +9,16 @@ from . import batches
 
 
 def publish(results: Path, readme: Path | None) -> None:
-    """Fill the tables into the README, or print them without one."""
+    """Fill the tables into the README, or print those of which there are results without one."""
     run = json.loads((results / "run.json").read_text())
-    texts = {
-        "lasting": lasting(run["lasting"]),
-        "replanning": replanning(run["lasting"]),
-        "ways": ways(report.read_csv(results / "ways.csv")),
-        "batches": growth(report.read_csv(results / "batches.csv")),
-        "machine": machine.describe(run, seed=f"seed {run['seed']}") + ".",
-    }
+    texts = {}
+    if "lasting" in run:
+        texts |= {"lasting": lasting(run["lasting"]), "replanning": replanning(run["lasting"])}
+    for name, table in (("ways", ways), ("batches", growth)):
+        path = results / f"{name}.csv"
+        if path.exists():
+            texts[name] = table(report.read_csv(path))
+    texts["machine"] = machine.describe(run, seed=f"seed {run['seed']}") + "."
     report.fill_or_print(readme, texts)
 
 
