@@ -127,15 +127,7 @@ def _composite_translucent(
         samples = LayeredSamples(
             covered, passed, lists, projected.edges, projected.depths, colors, background
         )
-        shape = boundary_shape(tiling, image.shape[-1], capacity)
-        image = with_boundary_term(
-            shape,
-            image.astype(scene.positions.dtype),
-            scene.positions,
-            scene.depth,
-            projected.crossed_edges,
-            samples,
-        )
+        image = _with_boundary_term(image, projected, samples, scene, tiling, capacity)
     return image
 
 
@@ -175,16 +167,25 @@ def _sum_opaque(
         samples = OpaqueSamples(
             front, covered, projected.edges, projected.depths, SurfaceColors(background, surface)
         )
-        shape = boundary_shape(tiling, image.shape[-1], capacity)
-        image = with_boundary_term(
-            shape,
-            image.astype(scene.positions.dtype),
-            scene.positions,
-            scene.depth,
-            projected.crossed_edges,
-            samples,
-        )
+        image = _with_boundary_term(image, projected, samples, scene, tiling, capacity)
     return image, fragment_count
+
+
+def _with_boundary_term(
+    image: Array,
+    projected: Projected,
+    samples: OpaqueSamples | LayeredSamples,
+    scene: Scene,
+    tiling: Tiling,
+    capacity: Capacity,
+) -> Array:
+    """Return `image` in the dtype of the positions; its derivative includes the boundary term."""
+    assert projected.crossed_edges is not None
+    shape = boundary_shape(tiling, image.shape[-1], capacity)
+    image = image.astype(scene.positions.dtype)
+    return with_boundary_term(
+        shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
+    )
 
 
 def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:
