@@ -123,6 +123,7 @@ def _render(scene: Scene, plan: Plan) -> Drawn:
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     check_types(scene)
+    scene = _in_dtype_of_positions(scene)
     background = premultiply(scene.background)
     if scene.triangles.shape[0] == 0:
         image = jnp.broadcast_to(background, (plan.height, plan.width, background.shape[0]))
@@ -133,3 +134,11 @@ def _render(scene: Scene, plan: Plan) -> Drawn:
         mode.refuse_missing([Drawing(scene, plan.coverage, plan.filter, plan.grid, plan.origin)])
         drawn = mode.draw(scene, plan, background)
     return drawn._replace(image=unpremultiply(drawn.image))
+
+
+def _in_dtype_of_positions(scene: Scene) -> Scene:
+    """Convert all floating-point arrays of a scene to the dtype of its positions."""
+    dtype = scene.positions.dtype
+    return jax.tree.map(
+        lambda array: array.astype(dtype) if eqx.is_inexact_array(array) else array, scene
+    )

@@ -179,10 +179,9 @@ def _with_boundary_term(
     tiling: Tiling,
     capacity: Capacity,
 ) -> Array:
-    """Return `image` in the dtype of the positions; its derivative includes the boundary term."""
+    """Return `image`, whose derivative now includes the boundary term."""
     assert projected.crossed_edges is not None
     shape = boundary_shape(tiling, image.shape[-1], capacity)
-    image = image.astype(scene.positions.dtype)
     return with_boundary_term(
         shape, image, scene.positions, scene.depth, projected.crossed_edges, samples
     )

@@ -296,23 +296,6 @@ def test_second_derivatives_are_zero():
     assert not np.asarray(second(scene.positions, ones)).any()
 
 
-@pytest.mark.slow
-def test_the_image_has_the_precision_of_the_positions(float64):
-    scene = random_scene("", triangles=4)
-    positions = jnp.asarray(np.asarray(scene.positions), jnp.float64)
-    scene = replace(scene, positions=positions, colors=scene.colors.astype(jnp.float32))
-    plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
-
-    def loss(positions):
-        image = sr.render(replace(scene, positions=positions), plan)
-        assert image.dtype == jnp.float64
-        return jnp.sum(image**2)
-
-    gradient = jax.grad(loss)(positions)
-    assert gradient.dtype == jnp.float64
-    assert (np.abs(gradient) > 0).any()
-
-
 def test_a_program_without_gradients_leaves_out_the_boundary_term():
     scene = random_scene("g")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
