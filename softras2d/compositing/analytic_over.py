@@ -13,40 +13,32 @@ chunks of the tile are composited like layers.
 """
 
 import functools
-from collections.abc import Callable
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
 from ..coverage.tile_sums import sum_pixels
-from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
-
-State = TypeVar("State")
-"""A tree of arrays that a loop updates."""
-
-Index = Int[Array, ""] | int
-"""Number of a chunk in its tile, from 0, or the difference of two such numbers."""
+from .chunks_as_layers import (
+    ChunkPixels,
+    TileColors,
+    dot_behind,
+    join_changes,
+    join_chunks,
+    transmittance_in_front,
+)
 
 Opacities = Float[Array, "chunks slots pixels"]
 Colors = Float[Array, "chunks slots 3 #pixels"]
 Channel = Float[Array, "chunks slots #pixels"]
-ChunkPixels = Float[Array, "chunks pixels"]
-TileColors = Float[Array, "4 tiles pixels"]
-
-TilePixels = Float[Array, "tiles pixels"]
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
 """What the linear maps keep fixed: the opacity and colours of the slots, the chunks, and the
 premultiplied colour and the alpha of each chunk, composited separately."""
-
-_UNROLLED = 16
-"""Largest `max_chunks` for which a loop over the chunks of a tile is unrolled."""
 
 
 def composite(
@@ -175,118 +167,6 @@ def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> Chu
     return change
 
 
-@functools.partial(materialized, static_argnames=("max_chunks",))
-def join_chunks(
-    sums: list[ChunkPixels], alpha: ChunkPixels, chunks: Chunks, max_chunks: int
-) -> TileColors:
-    """Composite the chunks of each tile like layers; return premultiplied RGBA.
-
-    `sums` are the premultiplied colours of the chunks, as from `blend_channels`, and `alpha` is as
-    from `alpha_of_chunks`. `max_chunks` is an upper bound on the number of chunks of a tile.
-    """
-
-    def add(
-        k: Index, state: tuple[TilePixels, list[TilePixels]]
-    ) -> tuple[TilePixels, list[TilePixels]]:
-        transmittance, total = state
-        (*chunk_colors, chunk_alpha) = _chunk_of_tile(k, [*sums, alpha], chunks)
-        total = [t + transmittance * c for t, c in zip(total, chunk_colors, strict=True)]
-        return transmittance * (1.0 - chunk_alpha), total
-
-    shape = (chunks.count.shape[0], alpha.shape[1])
-    start = jnp.ones(shape, alpha.dtype), [jnp.zeros(shape, alpha.dtype)] * 3
-    transmittance, total = _for_each_chunk(max_chunks, chunks, add, start)
-    return jnp.stack([*total, 1.0 - transmittance])
-
-
-@functools.partial(materialized, static_argnames=("max_chunks",))
-def join_changes(
-    sums: list[ChunkPixels],
-    alpha: ChunkPixels,
-    changes: list[ChunkPixels],
-    alpha_change: ChunkPixels,
-    chunks: Chunks,
-    max_chunks: int,
-) -> TileColors:
-    """Compute the jvp of `join_chunks` with respect to the colours and the alpha of the chunks.
-
-    `changes` are the tangents of `sums`, and `alpha_change` is the tangent of `alpha`.
-    """
-
-    def add(
-        k: Index, state: tuple[TilePixels, TilePixels, list[TilePixels]]
-    ) -> tuple[TilePixels, TilePixels, list[TilePixels]]:
-        transmittance, transmittance_change, total = state
-        entries = _chunk_of_tile(k, [*sums, alpha, *changes, alpha_change], chunks)
-        chunk_colors, chunk_alpha = entries[:3], entries[3]
-        color_changes, chunk_alpha_change = entries[4:7], entries[7]
-        total = [
-            t + transmittance_change * color + transmittance * change
-            for t, color, change in zip(total, chunk_colors, color_changes, strict=True)
-        ]
-        return (
-            transmittance * (1.0 - chunk_alpha),
-            transmittance_change * (1.0 - chunk_alpha) - transmittance * chunk_alpha_change,
-            total,
-        )
-
-    zero = jnp.zeros((chunks.count.shape[0], alpha.shape[1]), alpha.dtype)
-    start = jnp.ones_like(zero), zero, [zero] * 3
-    _, transmittance_change, total = _for_each_chunk(max_chunks, chunks, add, start)
-    return jnp.stack([*total, -transmittance_change])
-
-
-def _chunk_of_tile(k: Index, entries: list[ChunkPixels], chunks: Chunks) -> list[TilePixels]:
-    """Gather each array's entry of chunk k of each tile; 0 where a tile has no such chunk."""
-    exists = (k < chunks.count)[:, None]
-    chunk = chunks.first + k
-    return [jnp.where(exists, entry.at[chunk].get(mode="clip"), 0.0) for entry in entries]
-
-
-def _for_each_chunk(
-    max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
-) -> State:
-    """Fold `add(k, state)` over the numbers k of the chunks of a tile, for all tiles at once.
-
-    k also takes values that some or all tiles do not have.
-    """
-    if max_chunks <= _UNROLLED:
-        for k in range(max_chunks):
-            state = add(k, state)
-        return state
-    return repeat(jnp.max(chunks.count), add, state)
-
-
-def _for_each_distance(
-    max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
-) -> State:
-    """Fold `add(j, state)` over the distances j of two chunks of a tile, for all tiles at once.
-
-    j starts at 1, and also takes values that do not occur in some or all tiles.
-    """
-    if max_chunks <= _UNROLLED:
-        for j in range(1, max_chunks):
-            state = add(j, state)
-        return state
-    return repeat(jnp.max(chunks.count) - 1, lambda j, state: add(j + 1, state), state)
-
-
-def _shift(x: ChunkPixels, j: Index) -> ChunkPixels:
-    """Move entry i - j to index i; entries that wrap around at the ends have no meaning."""
-    return jnp.roll(x, j, 0)
-
-
-@functools.partial(materialized, static_argnames=("max_chunks",))
-def transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
-    """Transmittance in front of each chunk, from the chunks before it in its tile."""
-
-    def add(j: Index, transmittance: ChunkPixels) -> ChunkPixels:
-        clear = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(alpha, j), 1.0)
-        return transmittance * clear
-
-    return _for_each_distance(max_chunks, chunks, add, jnp.ones_like(alpha))
-
-
 def opacity_cotangent(
     max_chunks: int,
     opacity: Opacities,
@@ -300,7 +180,7 @@ def opacity_cotangent(
     chunk.
     """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
-    behind = _dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
+    behind = dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
     return _slot_cotangents(opacity, color_dots, in_front, behind, chunks)
 
 
@@ -323,28 +203,6 @@ def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
     return total
 
 
-@functools.partial(materialized, static_argnames=("max_chunks",))
-def _dot_behind(
-    alpha: ChunkPixels, blended: ChunkPixels, chunks: Chunks, max_chunks: int
-) -> ChunkPixels:
-    """Compute b . g, where b is the composite of all chunks behind each chunk in its tile.
-
-    `blended` is as returned by `_blend_dots`.
-    """
-    last = chunks.count[chunks.tile] - 1
-
-    def add(j: Index, state: tuple[ChunkPixels, ChunkPixels]) -> tuple[ChunkPixels, ChunkPixels]:
-        transmittance, behind = state
-        exists = (chunks.index + j <= last)[:, None]
-        clear = jnp.where(exists, 1.0 - _shift(alpha, -j), 1.0)
-        return transmittance * clear, behind + jnp.where(
-            exists, transmittance * _shift(blended, -j), 0.0
-        )
-
-    state = jnp.ones_like(alpha), jnp.zeros_like(alpha)
-    return _for_each_distance(max_chunks, chunks, add, state)[1]
-
-
 @materialized
 def _slot_cotangents(
     opacity: Opacities,
@@ -356,7 +214,7 @@ def _slot_cotangents(
     """Compute T_i (c_i . g - b_i . g) of each slot; 0 in unused chunks.
 
     `in_front` is the transmittance in front of each chunk. `behind` is as returned by
-    `_dot_behind`.
+    `dot_behind`.
     """
     slots_per_chunk = opacity.shape[1]
     front, back = [in_front], [behind]

@@ -22,15 +22,28 @@ from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
 from ..coverage.analytic import PixelFunction, block_jvp
-from ..coverage.tile_sums import for_each_block, gather_slots, spread, sum_pixels
+from ..coverage.tile_sums import for_each_block, gather_slots
 from ..numerics.blocks import map_blocks
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
 from ..shading.pixel_color import CornerColors
 from . import analytic_over as over
-
-SlotWeights = tuple[Float[Array, "slots pixels"], Float[Array, "slots pixels"]]
-"""Weights of corners 1 and 2 in the pixels of slots."""
+from .chunks_as_layers import (
+    ChunkPixels,
+    TileColors,
+    join_changes,
+    join_chunks,
+    transmittance_in_front,
+)
+from .interpolated_slots import (
+    blend_interpolated,
+    blend_interpolated_change,
+    corner_sums,
+    dot_interpolated,
+    evaluate,
+    weigh_cotangent,
+    weights_cotangent,
+)
 
 Fixed = tuple[Any, ...]
 """What the linear maps keep fixed: the opacity, corner colours and geometry of the slots, the
@@ -43,7 +56,7 @@ the pixels of a block takes a quarter of 1 MiB."""
 
 def composite(
     opacity: over.Opacities, colors: CornerColors, chunks: Chunks, *, max_chunks: int
-) -> over.TileColors:
+) -> TileColors:
     """Compute the premultiplied RGBA of each pixel, without background.
 
     Other arguments than `colors` are as in `analytic_over.composite`. Differentiable with respect
@@ -69,7 +82,7 @@ def _composite(
     corners: Float[Array, "9 slots"],
     geometry: Any,
     chunks: Chunks,
-) -> over.TileColors:
+) -> TileColors:
     """Compute `composite` from the parts of `CornerColors`.
 
     - `weights`: evaluates the weights of corners 1 and 2 at pixels, from the `geometry`.
@@ -77,7 +90,7 @@ def _composite(
     - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
     """
     sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
-    return over.join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
+    return join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
@@ -86,18 +99,18 @@ def _composite_jvp(max_chunks, weights, primals, tangents):
     opacity_change, velocity, corner_change, _, _ = tangents
     sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
     alpha = over.alpha_of_chunks(opacity)
-    out = over.join_chunks(sums, alpha, chunks, max_chunks)
+    out = join_chunks(sums, alpha, chunks, max_chunks)
     change = jnp.zeros_like(out)
     fixed = opacity, corners, geometry, chunks, sums, alpha
     if not isinstance(opacity_change, SymbolicZero):
 
-        def by_opacity(fixed: Fixed, opacity_change: over.Opacities) -> over.TileColors:
+        def by_opacity(fixed: Fixed, opacity_change: over.Opacities) -> TileColors:
             opacity, corners, geometry, chunks, sums, alpha = fixed
             changes = _blend_change(weights, opacity, opacity_change, corners, geometry, chunks)
             alpha_change = over.alpha_change_of_chunks(opacity, opacity_change)
-            return over.join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
+            return join_changes(sums, alpha, changes, alpha_change, chunks, max_chunks)
 
-        def to_opacity(fixed: Fixed, cotangent: over.TileColors) -> over.Opacities:
+        def to_opacity(fixed: Fixed, cotangent: TileColors) -> over.Opacities:
             opacity, corners, geometry, chunks, _, alpha = fixed
             color_dots = _dot_with_cotangent(weights, corners, geometry, chunks, cotangent)
             return over.opacity_cotangent(max_chunks, opacity, color_dots, alpha, chunks)
@@ -109,18 +122,18 @@ def _composite_jvp(max_chunks, weights, primals, tangents):
         pairs = zip(active, (velocity, corner_change), strict=True)
         slot_change = jnp.concatenate([tangent for is_active, tangent in pairs if is_active])
 
-        def by_slots(fixed: Fixed, slot_change: Float[Array, "rows slots"]) -> over.TileColors:
+        def by_slots(fixed: Fixed, slot_change: Float[Array, "rows slots"]) -> TileColors:
             opacity, corners, geometry, chunks, _, alpha = fixed
             velocity = slot_change[:6] if moves else None
             corner_change = slot_change[-9:] if recolors else None
             changes = _blend_color_change(
                 weights, opacity, corners, geometry, chunks, velocity, corner_change
             )
-            return over.join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
+            return join_chunks(changes, alpha, chunks, max_chunks).at[3].set(0.0)
 
-        def to_slots(fixed: Fixed, cotangent: over.TileColors) -> Float[Array, "rows slots"]:
+        def to_slots(fixed: Fixed, cotangent: TileColors) -> Float[Array, "rows slots"]:
             opacity, corners, geometry, chunks, _, alpha = fixed
-            in_front = over.transmittance_in_front(alpha, chunks, max_chunks)
+            in_front = transmittance_in_front(alpha, chunks, max_chunks)
             slot_weights = over.slot_weights(opacity, in_front)
             return _slot_cotangents(
                 weights, slot_weights, corners, geometry, chunks, cotangent, moves, recolors
@@ -136,13 +149,13 @@ def _blend_chunks(
     corners: Float[Array, "9 slots"],
     geometry: Any,
     chunks: Chunks,
-) -> list[over.ChunkPixels]:
+) -> list[ChunkPixels]:
     """Composite each chunk separately; return its premultiplied colour, one array per channel."""
 
-    def blend_block(block: Any) -> list[over.ChunkPixels]:
+    def blend_block(block: Any) -> list[ChunkPixels]:
         opacity, slots = block
         corners, geometry = _flatten(slots)
-        return _blend_interpolated(opacity, _evaluate(weights, geometry), corners)
+        return blend_interpolated(opacity, evaluate(weights, geometry), corners)
 
     entries = opacity, _by_chunk((list(corners), geometry), chunks)
     return map_blocks(blend_block, entries, chunks.needed, size=_CHUNKS)
@@ -155,14 +168,14 @@ def _blend_change(
     corners: Float[Array, "9 slots"],
     geometry: Any,
     chunks: Chunks,
-) -> list[over.ChunkPixels]:
+) -> list[ChunkPixels]:
     """Compute the jvp of `_blend_chunks` with respect to the opacities."""
 
-    def blend_block(block: Any) -> list[over.ChunkPixels]:
+    def blend_block(block: Any) -> list[ChunkPixels]:
         opacity, opacity_change, slots = block
         corners, geometry = _flatten(slots)
-        values = _evaluate(weights, geometry)
-        return _blend_interpolated_change(opacity, opacity_change, values, corners)
+        values = evaluate(weights, geometry)
+        return blend_interpolated_change(opacity, opacity_change, values, corners)
 
     entries = opacity, opacity_change, _by_chunk((list(corners), geometry), chunks)
     return map_blocks(blend_block, entries, chunks.needed, size=_CHUNKS)
@@ -176,14 +189,14 @@ def _blend_color_change(
     chunks: Chunks,
     velocity: Float[Array, "6 slots"] | None,
     corner_change: Float[Array, "9 slots"] | None,
-) -> list[over.ChunkPixels]:
+) -> list[ChunkPixels]:
     """Compute the jvp of `_blend_chunks` with respect to the positions and colours of the corners.
 
     `velocity` is the tangent of the positions and `corner_change` the tangent of the colours; None
     stands for 0. At least one is not None.
     """
 
-    def blend_block(block: Any) -> list[over.ChunkPixels]:
+    def blend_block(block: Any) -> list[ChunkPixels]:
         opacity, slots = block
         corners, geometry, velocity, corner_change = _flatten(slots)
         changes = []
@@ -195,10 +208,10 @@ def _blend_color_change(
             differences += [c - first for c, first in zip(corners[3:], firsts, strict=True)]
             no_parameter = jnp.zeros((), opacity.dtype)
             second, third = block_jvp(weights, geometry, no_parameter, tuple(velocity))
-            changes.append(_blend_interpolated(opacity, (second, third), differences))
+            changes.append(blend_interpolated(opacity, (second, third), differences))
         if corner_change is not None:
-            values = _evaluate(weights, geometry)
-            changes.append(_blend_interpolated(opacity, values, corner_change))
+            values = evaluate(weights, geometry)
+            changes.append(blend_interpolated(opacity, values, corner_change))
         return [functools.reduce(jnp.add, channel) for channel in zip(*changes, strict=True)]
 
     rows = (None if change is None else list(change) for change in (velocity, corner_change))
@@ -211,7 +224,7 @@ def _dot_with_cotangent(
     corners: Float[Array, "9 slots"],
     geometry: Any,
     chunks: Chunks,
-    cotangent: over.TileColors,
+    cotangent: TileColors,
 ) -> over.Opacities:
     """Compute c . g of each slot at each pixel, where c is the slot's RGBA there, with alpha 1."""
 
@@ -219,7 +232,7 @@ def _dot_with_cotangent(
         tile, slots = block
         corners, geometry = _flatten(slots)
         tile_cotangents = _gather_tiles(cotangent, tile)
-        return _dot_interpolated(tile_cotangents, _evaluate(weights, geometry), corners)
+        return dot_interpolated(tile_cotangents, evaluate(weights, geometry), corners)
 
     entries = chunks.tile, _by_chunk((list(corners), geometry), chunks)
     return map_blocks(dot_block, entries, chunks.needed, size=_CHUNKS)
@@ -231,7 +244,7 @@ def _slot_cotangents(
     corners: Float[Array, "9 slots"],
     geometry: Any,
     chunks: Chunks,
-    cotangent: over.TileColors,
+    cotangent: TileColors,
     moves: bool,
     recolors: bool,
 ) -> Float[Array, "rows slots"]:
@@ -249,14 +262,14 @@ def _slot_cotangents(
     ) -> Float[Array, "rows slots"]:
         block_corners, block_geometry = gather_slots((list(corners), geometry), block)
         tile, block_weights = _gather_block(chunks.tile, slot_weights, block, slots_per_chunk)
-        weighted_cotangents = _weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
+        weighted_cotangents = weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
         parts = []
         if moves:
-            by_weights = _weights_cotangent(weighted_cotangents, block_corners)
+            by_weights = weights_cotangent(weighted_cotangents, block_corners)
             no_parameter = jnp.zeros((), slot_weights.dtype)
             parts += weights.vjp(block_geometry, no_parameter, by_weights)
         if recolors:
-            parts += _corner_sums(weighted_cotangents, _evaluate(weights, block_geometry))
+            parts += corner_sums(weighted_cotangents, evaluate(weights, block_geometry))
         return _put_rows(total, parts, block)
 
     start = jnp.zeros((rows, slot_weights.shape[0]), slot_weights.dtype)
@@ -273,79 +286,12 @@ def _flatten(slots: Any) -> Any:
     return jax.tree.map(lambda entry: entry.reshape(-1), slots)
 
 
-@functools.partial(materialized, static_argnames=("weights",))
-def _evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
-    """Evaluate the weights of corners 1 and 2 at all pixels of each slot's tile."""
-    dtype = jax.tree.leaves(geometry)[0].dtype
-    second, third = weights.value(*spread(geometry, jnp.zeros((), dtype), weights.tile_side))
-    return second, third
-
-
-def _interpolate(
-    values: SlotWeights, corners: list[Float[Array, " slots"]]
-) -> list[Float[Array, "slots pixels"]]:
-    """Interpolate the colours of the corners at all pixels; return one array per channel.
-
-    `corners` are red, green and blue of corners 0, 1 and 2 in turn.
-    """
-    second, third = values
-    first = [entry[:, None] for entry in corners[:3]]
-    by_second, by_third = (
-        [entry[:, None] - origin for entry, origin in zip(of_corner, first, strict=True)]
-        for of_corner in (corners[3:6], corners[6:])
-    )
-    return [
-        origin + second * a + third * b
-        for origin, a, b in zip(first, by_second, by_third, strict=True)
-    ]
-
-
-@materialized
-def _blend_interpolated(
-    opacity: over.Opacities, values: SlotWeights, corners: list[Float[Array, " slots"]]
-) -> list[over.ChunkPixels]:
-    """Composite each chunk of a block separately, with colours interpolated from the corners."""
-    colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
-    return over.blend_channels(opacity, colors)
-
-
-@materialized
-def _blend_interpolated_change(
-    opacity: over.Opacities,
-    opacity_change: over.Opacities,
-    values: SlotWeights,
-    corners: list[Float[Array, " slots"]],
-) -> list[over.ChunkPixels]:
-    """Compute the jvp of `_blend_interpolated` with respect to the opacities."""
-    colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
-    return over.blend_channels_change(opacity, opacity_change, colors)
-
-
 @materialized
 def _gather_tiles(
-    cotangent: over.TileColors, tile: Int[Array, " entries"]
+    cotangent: TileColors, tile: Int[Array, " entries"]
 ) -> list[Float[Array, "entries pixels"]]:
     """Gather the cotangent of the tile of each entry, one array per channel."""
     return [channel[tile] for channel in cotangent]
-
-
-@materialized
-def _dot_interpolated(
-    tile_cotangents: list[Float[Array, "chunks pixels"]],
-    values: SlotWeights,
-    corners: list[Float[Array, " slots"]],
-) -> over.Opacities:
-    """Compute the dot product of each slot's RGBA, with alpha 1, and the cotangent.
-
-    `tile_cotangents` is the cotangent of the tile of each chunk, one array per channel.
-    """
-    *by_channel, by_alpha = tile_cotangents
-    slots_per_chunk = values[0].shape[0] // by_alpha.shape[0]
-    colors = _interpolate(values, corners)
-    total = by_alpha[:, None]
-    for color, of_channel in zip(colors, by_channel, strict=True):
-        total = total + color.reshape(-1, slots_per_chunk, color.shape[1]) * of_channel[:, None]
-    return total
 
 
 @functools.partial(materialized, static_argnames=("slots_per_chunk",))
@@ -359,52 +305,6 @@ def _gather_block(
     return tile.at[block // slots_per_chunk].get(mode="clip"), slot_weights.at[block].get(
         mode="clip"
     )
-
-
-@materialized
-def _weigh_cotangent(
-    tile_cotangents: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
-) -> list[Float[Array, "slots pixels"]]:
-    """Multiply the cotangents of red, green and blue by T a of each slot."""
-    return [channel * slot_weights for channel in tile_cotangents[:3]]
-
-
-@materialized
-def _weights_cotangent(
-    weighted_cotangents: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
-) -> Float[Array, "2 slots pixels"]:
-    """Compute the cotangents of the weights of corners 1 and 2.
-
-    `weighted_cotangents` is T a g, as returned by `_weigh_cotangent`.
-    """
-    return jnp.stack(
-        [
-            sum(
-                (entry - first)[:, None] * channel
-                for entry, first, channel in zip(
-                    of_corner, corners[:3], weighted_cotangents, strict=True
-                )
-            )
-            for of_corner in (corners[3:6], corners[6:])
-        ]
-    )
-
-
-def _corner_sums(
-    weighted_cotangents: list[Float[Array, "slots pixels"]], values: SlotWeights
-) -> list[Float[Array, " slots"]]:
-    """Compute the cotangent of the corner colours: the sum of T a w_j g over the pixels of a slot.
-
-    `weighted_cotangents` is T a g. Returns red, green and blue of corners 0, 1 and 2 in turn.
-    """
-    second, third = values
-    sums = sum_pixels(
-        *weighted_cotangents,
-        *(c * second for c in weighted_cotangents),
-        *(c * third for c in weighted_cotangents),
-    )
-    by_first = [a - b - c for a, b, c in zip(sums[:3], sums[3:6], sums[6:], strict=True)]
-    return [*by_first, *sums[3:]]
 
 
 @materialized
