@@ -8,9 +8,19 @@ triangles, which move with the vertices.
 are visible on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in
 front of the edge's triangle and those behind it.
 
-Terms in this folder: a *line* is a row or a column of samples, and a *crossing* is a point where an
-edge crosses a line. A *run* is up to eight successive crossings of one edge. The *inside* of a
-crossing is the side on which the edge's triangle lies. A *layer* of a sample is a triangle that
-covers it and passes the depth test there. A *lane* is one index of arrays of a fixed length; all
-lanes are computed at once, whether they are used or not.
+Terms in this folder:
+
+- *Line*: a row or a column of samples of the canvas.
+- *Crossing*: a point where an edge crosses a line. The *edge's triangle* is the triangle to which
+  the edge belongs.
+- *Sample inside*, *sample outside*: the two neighbouring samples of the line between which the edge
+  passes. The sample inside is on the side on which the edge's triangle lies.
+- *Run*: up to eight successive lines that one edge crosses (`crossings.Runs`). Arrays `[lines,
+  runs]` have one entry for each line of each run.
+- *Layer* of a sample: a triangle that covers the sample and passes the depth test there.
+- *Lane*: one index of arrays of a fixed length. All lanes are computed at once, whether they are
+  used or not.
+
+Slots and chunks are defined in `binning.lists`, coverage words in `coverage.sampled`, and edge
+values in `geometry.fixed_point`.
 """

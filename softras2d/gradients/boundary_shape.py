@@ -8,12 +8,14 @@ from ..geometry.tiling import Tiling
 class BoundaryShape(NamedTuple):
     """Static parameters of the compiled boundary term.
 
+    - `tiling`: the tiles into which the canvas is cut.
     - `channels`: number of channels of the image.
-    - `max_runs`: capacity for runs of crossings; runs beyond it add nothing.
-    - `max_chunks`: upper bound on the number of chunks of a tile, a power of two; only opaque
-      scenes need it.
-    - `max_list_length`: upper bound on the number of entries in the list of a tile; only
-      translucent scenes need it.
+    - `max_runs`: capacity of the list of runs of crossings (`crossings.Runs`); runs beyond it add
+      nothing.
+    - `max_chunks`: upper bound on the number of chunks (`binning.lists.Chunks`) of a tile, a power
+      of two. Only the boundary term of opaque scenes uses it.
+    - `max_list_length`: upper bound on the number of triangles in the list of a tile
+      (`binning.tiles.TileLists`). Only the boundary term of translucent scenes uses it.
     """
 
     tiling: Tiling

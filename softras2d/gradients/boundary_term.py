@@ -6,10 +6,10 @@ to their depth (`interpenetration`).
 The image is piecewise constant in the positions. Its box-filtered limit is not: when a visible edge
 moves, a pixel gains the colour on one side of the edge and loses the colour on the other side, as
 fast as the edge sweeps over the pixel. The integral along the edge is evaluated on the sample grid,
-as a sum over crossings (`crossings.py`). Each crossing stands for the length of edge between two
-lines of samples. Its speed along the line is exact. Its jump of colour is the colour of the edge's
-triangle on the edge, minus the colour beyond the edge, taken at the sample outside (`color_jumps`,
-which also says which crossings count).
+as a sum over the crossings of edges with lines of samples (`crossings`). Each crossing stands for
+the length of edge between two lines. The speed of a crossing along its line is exact. The jump of
+colour at a crossing is the colour of the edge's triangle on the edge, minus the colour beyond the
+edge, taken at the sample outside (`color_jumps`, which also says which crossings count).
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 
@@ -45,7 +45,9 @@ from .sample_pairs import PairSearch
 
 
 class CrossedEdges(NamedTuple):
-    """The edges of a scene, and the lines of samples that they cross.
+    """The edges of a scene, and the lines of samples that each edge crosses.
+
+    Lines are rows of samples for steep edges and columns for others (`crossings.Sides.steep`).
 
     - `sides`: positions of the ends of each edge, in pixels.
     - `edges`: the edge functions, which decide exactly which samples are inside.
@@ -68,7 +70,7 @@ def boundary_term(
     crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
-    """Return zeros whose derivative with respect to positions and depth is the boundary term.
+    """Return an image of zeros whose derivative by positions and depth is the boundary term.
 
     The arguments are those of `with_boundary_term`.
     """
@@ -93,15 +95,20 @@ def with_boundary_term(
     crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
-    """Return `image`, whose derivative now includes the boundary term.
+    """Return `image` unchanged, with the boundary term added to its derivative.
 
-    Its inputs are constants in second derivatives. So these lack the boundary term altogether, also
-    the part of the Hessian of a squared loss that is a product of first derivatives.
+    The boundary term is the derivative with respect to `positions` and `depth` that is due to
+    moving edges and lines of interpenetration (see the top of this file).
+
+    Second derivatives lack the boundary term altogether, because its rule takes all inputs as
+    constants. They also lack that part of the Hessian of a squared loss which is a product of first
+    derivatives.
 
     - `image`: has the dtype of the positions, and under `jax.vmap` is batched if they are.
     - `positions`: in pixels.
     - `depth`: None for scenes without depth.
-    - `crossed_edges`, `samples`: the edges, and the samples at which the scene is drawn.
+    - `crossed_edges`: the edges of the scene.
+    - `samples`: what the scene shows at each sample, of an opaque or of a translucent scene.
     """
     return image
 
@@ -131,9 +138,11 @@ def _image_velocity(
     velocity: Float[Array, "vertices 2"] | None,
     depth_tangent: Float[Array, " vertices"] | None,
 ) -> Float[Array, "height width channels"]:
-    """Compute how the image changes as edges, and lines of interpenetration, move.
+    """Compute the boundary term: the tangent of the image for given tangents of its inputs.
 
-    `velocity` and `depth_tangent` are the derivatives of `positions` and `depth`; None for zeros.
+    `velocity` and `depth_tangent` are the tangents of `positions` and `depth`; None stands for
+    zeros. The other arguments are those of `with_boundary_term`. Moving edges contribute unless
+    `velocity` is None, and lines of interpenetration contribute in scenes with depth.
     """
     masks = None
     if isinstance(samples, LayeredSamples):
@@ -162,9 +171,10 @@ def _image_velocity(
 def _pair_search(
     shape: BoundaryShape, samples: OpaqueSamples | LayeredSamples, masks: LayerMasks | None
 ) -> PairSearch:
-    """Choose the search for interpenetrating triangles, for an opaque or a translucent scene.
+    """Choose the search for pairs of samples between which triangles may interpenetrate.
 
-    `masks` are the layer masks of a translucent scene, None for an opaque one.
+    There is one search for opaque scenes and one for translucent scenes (`sample_pairs`). `masks`
+    are the layer masks of a translucent scene (`LayerMasks`), None for an opaque one.
     """
     if isinstance(samples, OpaqueSamples):
         return OpaquePairs(samples, shape.tiling, shape.max_chunks)
@@ -173,7 +183,7 @@ def _pair_search(
 
 
 _BLOCK = 4096
-"""Number of runs in a block: few enough for its data to stay in cache, and enough for two cores.
+"""Number of runs in a block: few enough for their data to stay in cache, and enough for two cores.
 Measured with 1,000 translucent triangles at 512 pixels: half or twice as many take longer."""
 
 
@@ -183,9 +193,11 @@ def _sweep(
     samples: OpaqueSamples | LayeredSamples,
     masks: LayerMasks | None,
 ) -> Sweep:
-    """Find the crossings of all edges that may be visible, and their jumps, in blocks of runs.
+    """Find the crossings of all edges that may be visible, and the jump of colour at each.
 
-    `masks` are the layer masks of a translucent scene, None for an opaque one.
+    Crossings are processed in blocks of `_BLOCK` runs (`crossings.Runs`). In an opaque scene, runs
+    that nearer triangles hide are removed first. `masks` are the layer masks of a translucent scene
+    (`LayerMasks`), None for an opaque one.
     """
     grid, channels = shape.tiling.grid, shape.channels
     block = min(_BLOCK, max(shape.max_runs, 1))
@@ -235,7 +247,10 @@ def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
 def _crossings_of_block(
     crossed_edges: CrossedEdges, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
 ) -> Crossings:
-    """Find the crossings of the runs `number * block` to `(number + 1) * block - 1`."""
+    """Find the crossings of one block of the list `runs`.
+
+    The block has `block` entries, from entry `number * block` on.
+    """
     block_runs = jax.tree.map(
         lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
     )
@@ -246,7 +261,12 @@ def _crossings_of_block(
 def _without_hidden(
     crossed_edges: CrossedEdges, samples: OpaqueSamples, runs: Runs, tiling: Tiling, block: int
 ) -> Runs:
-    """Remove the runs that nearer triangles hide; they are tested in blocks of `block` runs."""
+    """Remove the runs whose edge is hidden by nearer triangles at all crossings of the run.
+
+    For an opaque scene. The test keeps some hidden runs, but removes none that may be visible
+    (`hidden_runs`). It is done for `block` runs at a time. The returned list has as many entries as
+    `runs`, with the unused ones last.
+    """
     nearest, farthest = distance_range(samples.depths, crossed_edges.vertex.shape[0])
     farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 

@@ -1,6 +1,8 @@
 """The jump of colour at each crossing: the colour on the edge minus the colour beyond it.
 
-In an opaque scene a crossing counts in any of three cases:
+A crossing is a point where an edge crosses a row or column of samples; it lies between a sample
+inside the edge and a sample outside (`crossings`). In an opaque scene a crossing counts in any of
+three cases:
 
 - The edge's triangle is visible at the sample inside, and lies in front of whatever is visible at
   the sample outside: another triangle or the background.
@@ -35,10 +37,11 @@ from .visible_front import triangle_at
 def opaque_jumps(
     shape: BoundaryShape, samples: OpaqueSamples, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` of opaque triangles; 0 where the edge is not visible.
+    """Compute the jump of colour (`Sweep.jump`) at each crossing of an opaque scene.
 
-    The jump is the colour of the edge's triangle minus the colour that is visible just outside the
-    edge, times `_signed_edge_length`. The top of this file says which crossings count.
+    The jump is the colour of the edge's triangle on the edge, minus the colour that is visible just
+    outside the edge, times `_signed_edge_length`. It is 0 where the edge is not visible; the top of
+    this file says which crossings count.
     """
     tiling = shape.tiling
     triangle_inside, triangle_outside = (
@@ -78,8 +81,10 @@ def opaque_jumps(
 class EdgeDepths(NamedTuple):
     """Depths that decide which triangle is in front at each crossing.
 
-    - `on_edge`: depth of the edge's triangle, at the crossing.
-    - `continued`: depth of the edge's triangle, its plane continued to the sample outside.
+    The edge's triangle is the triangle to which the edge belongs.
+
+    - `on_edge`: depth of the edge's triangle at the crossing.
+    - `continued`: depth of the edge's triangle at the sample outside, where its plane is continued.
     - `visible_outside`: depth, at the sample outside, of the triangle that is visible there; it has
       no meaning where the background is visible.
     """
@@ -95,10 +100,12 @@ def _find_visible(
     triangle_outside: Int[Array, "lines runs"],
     depths: EdgeDepths | None,
 ) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Whether the edge's triangle is visible at the sample inside, and whether the edge is visible.
+    """Decide at which crossings the edge's triangle is visible, and at which its edge is.
 
-    Both results are false where there is no valid crossing. Strips between two triangles are not
-    considered yet (`thin_strips`).
+    Returns two arrays. The first says whether the edge's triangle is visible at the sample inside.
+    The second says whether the edge is visible: whether the crossing is one of the first two cases
+    at the top of this file. The third case, strips between two triangles, is left to `fill_strips`.
+    Both results are false where there is no valid crossing.
 
     - `triangle_inside`, `triangle_outside`: the triangles that are visible at the samples inside
       and outside, -1 for the background.
@@ -126,10 +133,10 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Compute how a pixel's colour changes as each edge moves to greater x or y.
+    """Compute `Sweep.jump` from the colours on both sides of each edge.
 
-    The result is the change of colour for a movement by one pixel along the line of samples. It is
-    0 where the edge is not visible.
+    The result is the change of a pixel's colour per pixel by which the crossing moves along its
+    line of samples, towards greater x or y. It is 0 where the edge is not visible.
 
     - `outwards`: as in `Crossings`.
     - `color_inside`: colour of the edge's triangle on the edge.
@@ -142,10 +149,11 @@ def _jump(
 def layered_jumps(
     shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` of translucent triangles; 0 where a crossing does not count.
+    """Compute the jump of colour (`Sweep.jump`) at each crossing of a translucent scene.
 
     The jump is the change of the colour just outside the edge if the edge's triangle covered this
-    point too, times `_signed_edge_length`.
+    point too, times `_signed_edge_length`. It is 0 where a crossing does not count
+    (`_layered_jump`). `masks` are the layer masks of `samples.passed`.
     """
     tiling, depths = shape.tiling, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
@@ -175,7 +183,10 @@ def _layered_jump(
 
     A crossing counts if the edge's triangle covers the sample inside. It also counts if the
     triangle covers neither sample: then it is thinner than the sample spacing, and visible between
-    the samples. `is_known`: whether the colours on both sides of the edge are known.
+    the samples. "Covers" includes passing the depth test. The jump is 0 where the crossing does not
+    count, is not valid, or `is_known` is false.
+
+    - `is_known`: whether the colours on both sides of the edge are known.
     """
     counted = crossings.valid & is_known & (gains.covers_inside | ~gains.covers_outside)
     jump = gains.gain * _signed_edge_length(crossings.outwards, tiling)
@@ -185,8 +196,9 @@ def _layered_jump(
 def _signed_edge_length(
     outwards: Float[Array, " runs"], tiling: Tiling
 ) -> Float[Array, "1 1 runs"]:
-    """Length of edge, in pixels, that each crossing stands for, times its sign `outwards`.
+    """Length of edge, in pixels, that each crossing stands for, times the sign `outwards`.
 
     The length is measured perpendicular to the lines of samples, and equals the sample spacing.
+    `outwards` is as in `Crossings`: 1 if the outside lies at greater x or y than the edge, else -1.
     """
     return (outwards / tiling.grid.rate)[None, None]

@@ -1,8 +1,9 @@
 """Crossings: where the edge of a triangle passes between two neighbouring samples.
 
 An edge of 45 degrees or steeper is intersected with the rows of samples, any other edge with the
-columns. On each of these lines it passes between two samples, of which one is inside the edge and
-one outside. Which two samples these are is decided by the same integers that decide coverage.
+columns. On each of these lines the edge passes between two samples, of which one is inside the
+edge, on the side of its triangle, and one is outside. Which two samples these are is decided by the
+same integers that decide coverage.
 
 The crossings of each edge are cut into runs. A run has up to `LINES` successive lines, all within
 one row of tiles, or one column of tiles if the lines are columns. So the data of an edge and of its
@@ -38,16 +39,18 @@ class Sample(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """The crossings of runs, one column of `[lines, runs]` for each run.
+    """The crossings of a list of runs (`Runs`).
+
+    Arrays `[lines, runs]` have one entry for each line of each run.
 
     - `edge`: the edge of each run, as 3 triangle + side.
     - `valid`: whether there is a crossing on the canvas. Where there is none, the samples, `gap`
       and `t` have no meaning.
     - `inside`, `outside`: the two neighbouring samples that the edge passes between, on the inside
-      and on the outside of the edge. Where a crossing lies between the border of the canvas and
-      the sample next to it, both are that sample.
+      and on the outside of the edge. Where a crossing lies between the border of the canvas and the
+      sample next to the border, both are that sample.
     - `gap`: signed distance along the line from the sample outside to the crossing, in samples,
-      -1..1.
+      -1..1; positive towards greater x or y.
     - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
     - `along_row`: whether the lines of each run are rows of samples; else they are columns.
     - `outwards`: 1 for runs whose outside lies at greater x or y than the edge; else -1.
@@ -66,7 +69,7 @@ class Crossings(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """The edges of all triangles, `[triangles, 3]`, reoriented to positive orientation.
+    """The ends of edge k of each triangle, from corner k to the next, in positive orientation.
 
     - `start`, `end`: x and y of the ends of each edge, in pixels.
     - `steep`: whether the edge is intersected with rows of samples; else with columns.
@@ -93,8 +96,9 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     """Find the first line on the canvas that each edge crosses, and the number of lines.
 
     Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
-    for others, counted from 0. The number is 0 for edges without a boundary term. Works for NumPy
-    and JAX alike.
+    for others, counted from 0. The number is 0 for edges without a boundary term: those of
+    triangles without area, and those with a `GridTriangles.fixed_sign`. Works for NumPy and JAX
+    alike.
     """
     xp = grid_triangles.x.__array_namespace__()
     steep = is_steep(grid_triangles)
@@ -113,7 +117,7 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
 
 
 def is_steep(grid_triangles: GridTriangles) -> Any:
-    """Whether the vertical extent of each edge is no less than the horizontal one.
+    """Whether the vertical extent of each edge is no less than its horizontal extent.
 
     Works for NumPy and JAX alike.
     """
@@ -124,8 +128,8 @@ def is_steep(grid_triangles: GridTriangles) -> Any:
 def count_runs(first: Any, count: Any, steep: Any, tiling: Tiling) -> Any:
     """Number of runs into which the crossings of each edge are cut; 0 where `count` is 0.
 
-    `first` and `count` are as returned by `lines_crossed`, with axes like `steep`. Works for NumPy
-    and JAX alike.
+    A run has up to `LINES` lines, all in one row or column of tiles. `first` and `count` are as
+    returned by `lines_crossed`, with axes like `steep`. Works for NumPy and JAX alike.
     """
     tile_lines = _lines_of_tile(steep, tiling)
     runs = _run_of_line(first + count - 1, tile_lines) - _run_of_line(first, tile_lines) + 1
@@ -138,7 +142,7 @@ def _lines_of_tile(steep: Any, tiling: Tiling) -> Any:
 
 
 def _run_of_line(line: Any, tile_lines: Any) -> Any:
-    """Number, from 0 at the border of the canvas, of the run of lines to which a line belongs.
+    """Number of the run to which a line of samples belongs, from 0 at the border of the canvas.
 
     The lines of each tile are cut into runs of `LINES` lines; the last run of a tile may be
     shorter. `tile_lines` is the number of lines of a tile.
@@ -152,7 +156,7 @@ def _runs_of_tile(tile_lines: Any) -> Any:
 
 
 class Run(NamedTuple):
-    """Data that the lines of a run share, for each run.
+    """Data that the lines of a run share, for each run: its lines, its edge and the edge values.
 
     - `steep`: whether the lines are rows of samples; else they are columns.
     - `first_line`: the first line of the run, counted from the border of the canvas.
@@ -160,7 +164,7 @@ class Run(NamedTuple):
     - `across_start`, `across_extent`: coordinate of the edge's start perpendicular to the lines,
       and the step from there to its end; both in pixels and halved, so that no float overflows.
     - `along_start`, `along_extent`: the same in the direction of the lines.
-    - `first_value`: the edge value at sample 0 of line 0.
+    - `first_value`: the edge value (`fixed_point`) at sample 0 of line 0.
     - `value_along`: change of the edge value from one sample of a line to the next.
     - `value_across`: change of the edge value from one line to the next.
     """
@@ -186,10 +190,11 @@ class Run(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """A list of runs, whose unused entries come last.
+    """A list of runs, each of up to `LINES` successive lines that one edge crosses.
 
     - `edge`: the edge of each run, as 3 triangle + side.
-    - `rank`: number of the run among the runs of its edge, from 0; -1 in unused entries.
+    - `rank`: number of the run among the runs of its edge, from 0; -1 in unused entries, which come
+      last.
     """
 
     edge: Int[Array, " runs"]
@@ -207,7 +212,7 @@ def list_runs(
 ) -> Runs:
     """List the runs of all edges, in `capacity` entries; any further runs are missing.
 
-    `first` and `count` are as returned by `lines_crossed`.
+    `first` and `count` are as returned by `lines_crossed`, and `steep` is as in `Sides`.
     """
     by_edge = count_runs(first.T, count.T, steep, tiling).reshape(-1)
     edge, rank = expand(by_edge, capacity)
@@ -223,9 +228,9 @@ def find_crossings(
     runs: Runs,
     tiling: Tiling,
 ) -> Crossings:
-    """Find the crossings of the listed runs.
+    """Find the crossings of the runs listed in `runs`, which may be part of the list of all runs.
 
-    `first` and `count` are as returned by `lines_crossed`.
+    `sides` and `edges` describe all edges. `first` and `count` are as returned by `lines_crossed`.
     """
     grid = tiling.grid
     run = _gather_runs(sides, edges, first, count, runs, tiling=tiling)
@@ -249,7 +254,7 @@ def _gather_runs(
     *,
     tiling: Tiling,
 ) -> Run:
-    """Gather the data of each listed run from its edge."""
+    """Compute the `Run` data of the listed runs; arguments are as in `find_crossings`."""
     edge, rank = runs
     right, down, value, estimate = (
         jnp.stack(entries, 1).reshape(-1)[edge] for entries in list(zip(*edges, strict=True))[:4]
@@ -292,12 +297,12 @@ def _sample_beside(
     is_inside: Bool[Array, ""],
     grid: Grid,
 ) -> Sample:
-    """Choose the sample next to each crossing that is inside the edge, or outside it.
+    """Choose one of the two samples beside each crossing: the one inside the edge or outside it.
 
     - `before`: number, on its line, of the last sample before the crossing; -1 if the crossing lies
       before the first sample. The sample that is chosen is this one or the next, clamped to the
       canvas.
-    - `is_inside`: whether to choose the sample inside.
+    - `is_inside`: whether to choose the sample inside; else the sample outside.
     """
     steep = run.steep[None]
     size = jnp.where(steep, grid.width, grid.height) * grid.rate
@@ -310,7 +315,7 @@ def _sample_beside(
 def _gap_to_edge(
     run: Run, outside: Sample, line: Int[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Signed distance along each line from the sample outside to the edge, in samples, -1..1."""
+    """Compute `Crossings.gap`: the signed distance from each sample outside to the edge."""
     # From the edge value: where corners are far away, float positions are several roundings off.
     dtype = run.across_start.dtype
     along = jnp.where(run.steep[None], outside.column, outside.row)
@@ -333,13 +338,14 @@ def _follow(
 
     Returns, for each crossing:
 
-    - the number, on its line, of the last sample before it, -1 if it lies before the first sample,
+    - the number, on its line, of the last sample before the crossing; -1 if the crossing lies
+      before the first sample,
     - the number of its line,
     - its position along the edge, 0..1,
-    - the index of its pixel, row by row, one past the last where it is not valid,
-    - whether it is valid, which means on the canvas and on a line of the run.
+    - the index of its pixel, row by row, one past the last where the crossing is not valid,
+    - whether the crossing is valid, which means on the canvas and on a line of the run.
 
-    The sample and the line are 0 where it is not valid.
+    The sample and the line are 0 where the crossing is not valid.
     """
     by_line = run.by_line()
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]

@@ -1,16 +1,16 @@
 """The colour that a translucent triangle adds at its edge, between the layers in front and behind.
 
-An edge passes between two samples. All layers of the sample outside are visited from the front
-(`layer_masks`). Layers in front of the edge's triangle dim it by their transmittance. The layers
-behind it are composited twice, with and without the triangle: under a depth test, a triangle that
-is drawn later but lies deeper is visible only without it.
+An edge passes between two samples (`crossings`). All layers of the sample outside are visited from
+the front (`layer_masks`). Layers in front of the edge's triangle dim it by their transmittance. The
+layers behind it are composited twice, with and without the triangle: under a depth test, a triangle
+that is drawn later but lies deeper is visible only without it.
 
 The transmittance in front of the triangle may differ between the two samples. The smaller one is
 used, because a layer that ends between the samples has a crossing itself. Layers that cover both
 samples are counted once. Layers in front that cover the sample inside alone are visited in the same
 loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
-Otherwise such a layer has a different alpha or depth at the sample inside: the crossings with such
-layers, which are few, are visited again in `layers_inside`. So are the crossings whose two samples
+Otherwise their alpha or depth at the sample inside is not known in this loop. The few crossings
+with such layers are visited again in `layers_inside`, and so are the crossings whose two samples
 lie in different tiles.
 
 At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
@@ -45,8 +45,9 @@ from .run_tiles import RunTiles, tiles_of_runs
 
 
 class EdgeLayer(NamedTuple):
-    """The triangle of the edge of each run, at its crossings.
+    """The triangle to which the edge of each run belongs, as a layer at the run's crossings.
 
+    - `triangle`: index of the triangle.
     - `color`: premultiplied RGBA on the edge. It is not taken at the samples beside the edge, where
       the colour of a triangle thinner than the sample spacing would be extrapolated.
     - `depth_inside`, `depth_outside`: depth of the triangle at the samples inside and outside; None
@@ -75,20 +76,20 @@ class EdgeGain(NamedTuple):
 
 
 class _Behind(NamedTuple):
-    """Premultiplied colour and transmittance of the layers behind a triangle, visited so far."""
+    """Premultiplied colour and transmittance of the visited layers behind the edge's triangle."""
 
     color: Float[Array, "channels lines runs"]
     transmittance: Float[Array, "lines runs"]
 
 
 class _State(NamedTuple):
-    """State of the loop over the layers of the samples outside, from the layers visited so far.
+    """State of the loop over the layers of the samples outside: what the layers visited so far add.
 
     - `in_front_of_both`: transmittance of the layers in front of the edge's triangle that cover
       both samples.
-    - `in_front_outside`: transmittance of those that cover the sample outside alone.
-    - `in_front_inside`: transmittance of those that cover the sample inside alone, and are in the
-      list of the same tile. It is None if `layers_inside` computes it.
+    - `in_front_outside`: transmittance of the layers in front that cover the sample outside alone.
+    - `in_front_inside`: transmittance of the layers in front that cover the sample inside alone,
+      and are in the list of the same tile. It is None if `layers_inside` computes it.
     - `hidden`: whether a triangle drawn earlier lies nearer, so that the edge's triangle fails the
       depth test.
     - `behind`: layers that remain visible behind the edge's triangle.
@@ -105,7 +106,7 @@ class _State(NamedTuple):
 
 
 class _LayerAddresses(NamedTuple):
-    """Where the layers of both samples of each crossing are.
+    """Where to read the layer masks and the list entries of the two samples of each crossing.
 
     - `inside`, `outside`: addresses of the masks of the samples inside and outside.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
@@ -121,10 +122,10 @@ class _LayerAddresses(NamedTuple):
 
 
 class _Masks(NamedTuple):
-    """Masks of the layers at each crossing, of one plane of the list of the sample outside.
+    """Masks of the layers at each crossing, for 32 entries of the list of the sample outside.
 
-    Bit b stands for entry 32 p + b of the list, in plane p. "Covers" includes passing the depth
-    test.
+    Bit b stands for entry 32 p + b of the list, in plane p (`LayerMasks`). "Covers" includes
+    passing the depth test.
 
     - `outside`: entries that cover the sample outside.
     - `both`: entries that cover both samples.
@@ -162,10 +163,10 @@ def edge_gains(
     edge_layer: EdgeLayer,
     tiling: Tiling,
 ) -> EdgeGain:
-    """Compute the colour that the triangle of each edge would add at the sample outside.
+    """Compute the `EdgeGain` of each crossing.
 
-    `masks` are the layer masks of `samples.passed`. Not differentiable, because the number of
-    steps of the loops depends on values.
+    `masks` are the layer masks of `samples.passed`. Not differentiable, because the number of steps
+    of the loops depends on values.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
     shape = crossings.valid.shape
@@ -235,7 +236,7 @@ def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
 def _locate_lists(
     masks: LayerMasks, crossings: Crossings, triangle: Int[Array, " runs"], tiling: Tiling
 ) -> _LayerAddresses:
-    """Find where the layers of both samples of each crossing are, and the edge's triangle."""
+    """Find where the layers of both samples of each crossing, and the edge's triangle, are."""
     inside, outside = (
         locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
     )
@@ -252,9 +253,9 @@ def _compare_masks(
     where: _LayerAddresses,
     plane: Int[Array, ""],
 ) -> _Masks:
-    """Compare the masks of both samples in one plane.
+    """Compare the layer masks of the two samples of each crossing, in one plane.
 
-    `inside` and `outside` are the masks of the samples inside and outside. If these lie in
+    `inside` and `outside` are the masks of the samples inside and outside. If these samples lie in
     different tiles, the bits of their masks stand for different entries, and `inside` is ignored.
     """
     no_bits = jnp.uint32(0)
@@ -275,7 +276,7 @@ def _compare_masks(
 
 @materialized
 def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
-    """Update the flags with the masks of one plane."""
+    """Set a flag of a crossing where the mask of the same fact has a bit in this plane."""
     return _SampleFlags(
         *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
     )
@@ -291,7 +292,7 @@ def _visit_outside(
     state: _State,
     tiling: Tiling,
 ) -> _State:
-    """Visit the layers of one plane that cover the samples outside, from the front.
+    """Update the state by the layers of one plane that cover the samples outside, nearest first.
 
     Layers that cover the sample inside alone are visited too, if the state has `in_front_inside`.
     """
@@ -327,10 +328,10 @@ def _add_layer(
     color: Float[Array, "4 lines runs"],
     is_later_in_front: Bool[Array, "lines runs"] | None,
 ) -> _State:
-    """Update the state by the next layer of each run, which is one triangle for each of its tiles.
+    """Update the state by the next layer of each run: one triangle for each of its two tiles.
 
     - `layers`: these triangles.
-    - `bits`: the bit of each one in the masks of its tile; 0 where a tile has no further layer.
+    - `bits`: the bit of each of them in the masks of its tile; 0 where a tile has no further layer.
     - `color`: premultiplied RGBA of the layer at the samples outside.
     - `is_later_in_front`: whether, of the layer and the edge's triangle, the one that is drawn
       later lies in front; None without depth, where it always does.
@@ -363,7 +364,7 @@ def _add_layer(
 def _add_behind(
     behind: _Behind, color: Float[Array, "4 lines runs"], is_behind: Bool[Array, "lines runs"]
 ) -> _Behind:
-    """Composite a layer of premultiplied `color` behind those in `behind`, where `is_behind`."""
+    """Composite a layer of premultiplied RGBA behind the layers in `behind`, where `is_behind`."""
     shown = color[: behind.color.shape[0]]
     return _Behind(
         behind.color + jnp.where(is_behind, behind.transmittance, 0.0)[None] * shown,

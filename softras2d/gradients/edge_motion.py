@@ -1,7 +1,8 @@
 """The change of the image as edges move: a linear map from the velocities of the vertices.
 
-The speed of a crossing is the speed at which it moves along its line of samples. Speed times the
-jump of colour at the crossing is added to the derivative of the crossing's pixel.
+A crossing is a point where an edge crosses a line of samples (`crossings`). Its speed is the speed
+at which it moves along this line. Speed times the jump of colour at the crossing is added to the
+derivative of the crossing's pixel.
 """
 
 import functools
@@ -16,7 +17,7 @@ from .crossings import LINES, Sides
 
 
 class Sweep(NamedTuple):
-    """How the image changes when edges move, crossing by crossing.
+    """How the image changes when edges move, for every crossing of an edge with a line of samples.
 
     - `edge`, `t`, `pixel`: as in `Crossings`.
     - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,
@@ -35,9 +36,10 @@ def edge_speeds(
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
     """Speeds, in pixels per unit of time, of crossings at the start and at the end of each edge.
 
-    A crossing stays on its line. So its speed is the velocity of the end of the edge along the
-    line, minus the slope of the edge times the velocity across the lines. Returns the speeds at all
-    starts, then at all ends, with edges numbered 3 triangle + side.
+    A crossing stays on its line of samples. So its speed at one end of the edge is the velocity of
+    this end along the line, minus the slope of the edge times the velocity of this end across the
+    lines. Returns the speeds at the starts of all edges, then at the ends of all edges, with edges
+    numbered 3 triangle + side.
 
     - `velocity`: velocity of the vertices, in pixels per unit of time.
     - `vertex`: vertex index of each corner of the reoriented triangles.
@@ -55,7 +57,7 @@ def edge_speeds(
 def image_tangent(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
 ) -> Float[Array, "height width channels"]:
-    """Change of the image per unit of time as edges move, linear in the speeds.
+    """Change of the image per unit of time as edges move, linear in the speeds of crossings.
 
     `speeds` are as returned by `edge_speeds`.
     """
@@ -69,14 +71,14 @@ def image_tangent(
 def _gather_speeds(
     speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], edge: Int[Array, " runs"]
 ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-    """Gather the speeds of the start and of the end of each run's edge."""
+    """Gather the speeds of `edge_speeds`, at the start and at the end, for each run's edge."""
     return speeds[0][edge], speeds[1][edge]
 
 
 def _repeat_lines(
     ends: tuple[Float[Array, " runs"], Float[Array, " runs"]],
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Copy the speeds of both ends to every line of a run."""
+    """Repeat the speeds at both ends of each run's edge for every line of the run."""
     # Not a broadcast: its transpose is a sum over lines that is not vectorised.
     start, end = (jnp.concatenate([end[None]] * LINES) for end in ends)
     return start, end
@@ -86,7 +88,10 @@ def _interpolate(
     ends: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
     t: Float[Array, "lines runs"],
 ) -> Float[Array, "lines runs"]:
-    """Speed of each crossing, which lies at the fraction `t` (0..1) along its edge."""
+    """Speed of each crossing, from the speeds at the start and at the end of its edge.
+
+    The crossing lies at the fraction `t` (0..1) along the edge.
+    """
     start, end = ends
     return start * (1.0 - t) + end * t
 

@@ -1,9 +1,9 @@
 """Drop the runs of crossings that are hidden in an opaque scene, before they cost much.
 
 In most triangle soups most edges are hidden, and finding the visible triangles at each crossing is
-costly. So the triangle of each run is first compared with the rows of samples, each within one
-tile, that contain the samples inside its edge. The run is dropped if everything that is visible in
-these rows is nearer than its triangle.
+costly. So the edge's triangle of each run (`crossings.Runs`) is first compared with some rows of
+samples: those that contain a sample inside the edge at a crossing of the run, each row cut to one
+tile. The run is dropped if everything that is visible in these rows is nearer than its triangle.
 """
 
 import functools
@@ -28,7 +28,10 @@ weights, plus `_DEPTH_TOLERANCE` times the greatest absolute depth, for rounding
 
 
 class DistanceRange(NamedTuple):
-    """Bounds of the distance of each triangle from the viewer: its depth, or its negated index."""
+    """Bounds of the distance of each triangle from the viewer.
+
+    The distance is the depth. In a scene without depth it is the negated index of the triangle.
+    """
 
     nearest: Num[Array, " triangles"]
     farthest: Num[Array, " triangles"]
@@ -54,11 +57,12 @@ def distance_range(depths: Depths | None, triangles: int) -> DistanceRange:
 def farthest_visible_distance(
     front: Front, farthest: Num[Array, " triangles"], tiling: Tiling
 ) -> Num[Array, " words"]:
-    """Upper bound on the distance of the visible triangles, for each sample row of each tile.
+    """Upper bound on the distance of the visible triangles, for each row of samples in each tile.
 
-    The bound is the greatest number of its type for rows in which the background is visible, and in
-    tiles that reach past the right border of the canvas. Entries are ordered by tile, and within a
-    tile like its coverage words (`visible_front.address`). `farthest` is as in `DistanceRange`.
+    The bound is the greatest finite number of its type for rows in which the background is visible,
+    and in tiles that reach past the right border of the canvas. Entries are ordered by tile, and
+    within a tile like its coverage words (`visible_front.address`). `farthest` is as in
+    `DistanceRange`.
     """
     chunks = front.chunks
     limits = jnp.finfo if jnp.issubdtype(farthest.dtype, jnp.floating) else jnp.iinfo
@@ -81,7 +85,7 @@ def may_be_visible(
 ) -> Bool[Array, " runs"]:
     """Whether the edge of each run may be visible at any of its `valid` crossings.
 
-    - `nearest`: least distance of the triangle of each run's edge.
+    - `nearest`: least distance of the triangle of each run's edge (`DistanceRange`).
     - `inside`: as in `Crossings`. This sample suffices: where an edge is visible, the sample shows
       the edge's triangle or, if that is too thin to cover a sample, something behind it.
     - `farthest_in_row`: as returned by `farthest_visible_distance`.
@@ -97,8 +101,8 @@ def may_be_visible(
 def keep_runs(runs: Runs, kept: Bool[Array, " runs"]) -> Runs:
     """Move the runs that are `kept` to the front of the list, in their order.
 
-    The list keeps its length; the entries after them are unused. `kept` must be false for entries
-    that are unused already.
+    The list keeps its length. The entries after the kept runs become unused, with a rank of -1.
+    `kept` must be false for entries that are unused already.
     """
     expansion = expand_on_device(kept.astype(jnp.int32), capacity=kept.shape[0])
     kept_runs: Runs = jax.tree.map(lambda entry: entry[expansion.owner], runs)

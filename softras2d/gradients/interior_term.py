@@ -1,14 +1,14 @@
 """The interior term: how colours inside a triangle change when its vertices move.
 
-Corner j of a triangle lies at v_j, and its weight w_j is affine on the screen. Fix a point
-x = sum_k w_k v_k. When the corners move by dv_k, the weights at x change by
--grad w_j . sum_k w_k dv_k. So an attribute with corner values c_j, whose gradient on the screen is
-g = sum_j c_j grad w_j, changes at x by -sum_k w_k (g . dv_k). This change is itself an
-interpolation, of the corner values -g . dv_k. So it is enough to give the corner values the
-derivative -g . dv_k: everything that is interpolated from them then has the right derivative.
+Corner j of a triangle lies at v_j, and its barycentric weight w_j is affine on the screen. Fix a
+point x = sum_k w_k v_k. When the corners move by dv_k, the weights at x change by -grad w_j . sum_k
+w_k dv_k. So an attribute with corner values c_j, whose gradient on the screen is g = sum_j c_j grad
+w_j, changes at x by -sum_k w_k (g . dv_k). This change is itself an interpolation, of the corner
+values -g . dv_k. So it is enough to give the corner values the derivative -g . dv_k: everything
+that is interpolated from them then has the right derivative.
 
-In perspective, with q_k = `inverse_w` of corner k, c is the quotient of sum_k w_k q_k c_k and
-sum_k w_k q_k, both of which are affine on the screen. Then
+In perspective, with q_k = `inverse_w` of corner k, the attribute is the quotient of sum_k w_k q_k
+c_k and sum_k w_k q_k, both of which are affine on the screen. Then
 
     dq_k = -sum_j q_j (grad w_j . dv_k),    dc_k = -sum_j (q_j / q_k) (c_j - c_k) (grad w_j . dv_k).
 """
@@ -33,12 +33,14 @@ from ..shading.corner_attributes import CornerAttributes
 def weight_gradients(
     edges: Edges, planes: WeightPlanes | None, grid: Grid, dtype: Any
 ) -> Float[Array, "2 3 triangles"]:
-    """Derivatives, per pixel, of the corner weights with respect to x (entry 0) and y (entry 1).
+    """Derivatives, per pixel, of the barycentric weights of all three corners of each triangle.
 
-    They are 0 for triangles without area. Those of corners 1 and 2 are clamped to a change of 1 per
-    sample spacing, which takes effect in triangles thinner than that: a sample that such a triangle
-    covers stands for more area than the triangle has. `planes` are the weights of triangles past
-    the guard band; None if no triangle may be there.
+    The first axis has the derivatives with respect to x and to y, the second has the corners. All
+    are 0 for triangles without area. The derivatives of the weights of corners 1 and 2 are clamped
+    to a change of 1 per sample spacing. This takes effect in triangles thinner than the spacing: a
+    sample that such a triangle covers stands for more area than the triangle has.
+
+    `planes` are the weights of triangles past the guard band; None if no triangle may be there.
     """
 
     return _clamped_gradients(edges, planes, rate=grid.rate, dtype=dtype)
@@ -73,11 +75,14 @@ def attach_interior_term(
     vertex: Int[Array, "triangles 3"],
     gradients: Float[Array, "2 3 triangles"],
 ) -> CornerAttributes:
-    """Return `corners`, with the interior term as their derivative with respect to positions.
+    """Return `corners` unchanged, with the interior term as their derivative by `positions`.
 
-    `positions` are in pixels. `vertex` is the vertex index of each corner, in the order of
-    `corners`, and `gradients` are the `weight_gradients`. All inputs are constants in second
-    derivatives.
+    So colours and texture coordinates that are interpolated from the result change as the triangles
+    move. All inputs are constants in second derivatives.
+
+    - `positions`: in pixels.
+    - `vertex`: vertex index of each corner, in the order of `corners`.
+    - `gradients`: as returned by `weight_gradients`.
     """
     return corners
 
@@ -85,7 +90,7 @@ def attach_interior_term(
 def _interior_term_jvp(
     primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[CornerAttributes, CornerAttributes]:
-    """Add the interior term to the tangent of the corner attributes."""
+    """Add the interior term to the tangent of `corners`, as jvp of `attach_interior_term`."""
     corners, _, vertex, gradients = jax.lax.stop_gradient(primals)
     change = jax.tree.map(
         lambda entry, dot: jnp.zeros_like(entry) if isinstance(dot, SymbolicZero) else dot,
@@ -116,8 +121,9 @@ def _interior_changes(
 ]:
     """Compute the changes of the colours, `inverse_w` and uv of corners that move with `velocity`.
 
-    The change of a flat colour has no meaning. Without `inverse_w` its change is 0, and without uv
-    its change is None.
+    `velocity` is in pixels per unit of time, and `gradients` are the `weight_gradients`. The change
+    of a flat colour has no meaning. In a scene without `inverse_w` the change of `inverse_w` is 0,
+    and in a scene without uv the change of uv is None.
     """
     corner_velocity = velocity[vertex.T]
     # weight_drift[j, k] = grad w_j . dv_k, for each triangle.
@@ -141,7 +147,8 @@ def _interpolated_change(
 ) -> Float[Array, "corners channels triangles"]:
     """Compute -sum_j (c_j - c_k) weight_drift[j, k] for an attribute c and every corner k.
 
-    A flat attribute, with one corner, is returned unchanged.
+    `weight_drift[j, k]` is grad w_j . dv_k in the symbols of this file, times q_j / q_k in
+    perspective. A flat attribute, with one corner, is returned unchanged.
     """
     if value.shape[0] == 1:
         return value

@@ -7,11 +7,11 @@ a translucent scene, the triangle that is drawn later is visible on one side of 
 
 The line passes between two neighbouring samples if both triangles cover both samples, and one is in
 front at the first sample, the other at the second. Let f be the depth of the triangle that is in
-front at the first sample, minus the depth of the other. The line lies where f = 0, and moves at
--(df/dtime) / (df/dx) along x, which stands for the axis along which f changes faster. At a fixed
-point of the screen, the depth of a triangle changes by sum_k w_k (dz_k - grad z . dv_k), where w_k
-are the weights of the corners there, z_k their depths and v_k their positions. This change, and so
-the change of the image, is linear in dz_k and dv_k.
+front at the first sample, minus the depth of the triangle that is in front at the second. The line
+lies where f = 0, and moves at -(df/dtime) / (df/dx) along x, which stands for the axis along which
+f changes faster. At a fixed point of the screen, the depth of a triangle changes by sum_k w_k (dz_k
+- grad z . dv_k), where w_k are the weights of the corners there, z_k their depths and v_k their
+positions. This change, and so the change of the image, is linear in dz_k and dv_k.
 
 The pairs of neighbouring samples are found (`sample_pairs`) and processed in blocks, so that no
 list of all pairs is stored.
@@ -45,14 +45,16 @@ _PAIRS = 512
 """Number of pairs of samples that are processed together."""
 
 _ROUNDING = 2.0**-20
-"""Relative difference of two depths that rounding can cause. If the difference changes by no more
-than this from one sample to the next, a change of the nearest triangle is noise, not a line."""
+"""Relative difference of two depths that rounding can cause. If the difference of the depths of two
+triangles changes by no more than this from one sample to the next, a change of their order in depth
+is noise, not a line."""
 
 
 class _DepthPlanes(NamedTuple):
-    """The depth of each triangle, as an affine function on the screen.
+    """What the depth of each triangle, an affine function on the screen, is computed from.
 
-    - `area`: twice the area of each triangle, in units of the edge value.
+    - `area`: twice the area of each triangle, in units of the edge value
+      (`barycentric.twice_area`).
     - `slope`: derivatives of the depth by x and y, per pixel.
     """
 
@@ -64,7 +66,8 @@ class _Exchange(NamedTuple):
     """Pairs of samples between which two triangles exchange their order in depth, one per lane.
 
     - `before`, `after`: the triangles that lie in front at the first and at the second sample.
-    - `before_weights`, `after_weights`: weights of their corners at the point of equal depth.
+    - `before_weights`, `after_weights`: weights of the corners of `before` and of `after`, at the
+      point of equal depth between the samples.
     - `gain`: change of the pixel's colour per unit by which the depth of `before` minus the depth
       of `after` increases; 0 in unused lanes.
     - `pixel`: index of the pixel, row by row; one past the last in unused lanes.
@@ -87,7 +90,7 @@ def depth_changes(
 ) -> Float[Array, "3 triangles"]:
     """Change of each triangle's depth at fixed points of the screen, per unit of time.
 
-    It is affine on the triangle, and returned as its values at the corners.
+    The change is affine on the triangle. It is returned as its values at the three corners.
 
     - `velocity`, `depth_change`: change per unit of time of the positions of the vertices, in
       pixels, and of their depths.
@@ -105,7 +108,11 @@ def _corner_depth_changes(
     gradients: Float[Array, "2 3 triangles"],
     depth: Float[Array, "3 triangles"],
 ) -> Float[Array, "3 triangles"]:
-    """Compute dz_k - grad z . dv_k of each corner k; `gradients` are the `weight_gradients`."""
+    """Compute dz_k - grad z . dv_k of each corner k, in the symbols of this file.
+
+    The arguments are as in `depth_changes`; `gradients` are the `weight_gradients`, and `depth` is
+    the depth of each corner.
+    """
     slope = jnp.sum(gradients * depth[None], 1)
     corner_velocity = velocity[vertex.T]
     drift = slope[0][None] * corner_velocity[..., 0] + slope[1][None] * corner_velocity[..., 1]
@@ -120,9 +127,12 @@ def image_change(
     *,
     channels: int,
 ) -> Float[Array, "height width channels"]:
-    """Change of the image, per unit of time, due to interpenetrating triangles.
+    """Change of the image, per unit of time, due to the lines where triangles interpenetrate.
 
     It is linear in `changes`, which are as returned by `depth_changes`.
+
+    - `search`: finds the pairs of samples between which such a line may pass.
+    - `channels`: number of channels of the image.
     """
     grid = tiling.grid
 
@@ -165,7 +175,10 @@ def _for_each_exchange(
     add: Callable[[Total, _Exchange], Total],
     total: Total,
 ) -> Total:
-    """Fold `add(total, exchange)` over all exchanges of the image, `_PAIRS` lanes at a time."""
+    """Compute `total = add(total, exchange)` for all exchanges of the image; return the last total.
+
+    Each call gets an `_Exchange` of `_PAIRS` lanes.
+    """
     slots = max(_WORDS // (2 * tiling.sample_rows), 1)
     planes = _depth_planes(depths, tiling)
 
@@ -195,7 +208,7 @@ def _for_each_exchange(
 
 
 def _depth_planes(depths: Depths, tiling: Tiling) -> _DepthPlanes:
-    """Compute the plane of each triangle's depth."""
+    """Compute the `_DepthPlanes` of all triangles."""
     dtype = depths.depth.dtype
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, dtype)
@@ -211,7 +224,7 @@ def _depth_slopes(
 
 
 class _LineCrossings(NamedTuple):
-    """Where the line of equal depth passes between the samples of each pair.
+    """Where the line of equal depth passes between the two samples of each pair (`SamplePairs`).
 
     - `before_weights`, `after_weights`, `pixel`: as in `_Exchange`.
     - `gap_change`: increase, from the first sample to the second, of the depth of `before` minus
@@ -228,11 +241,11 @@ class _LineCrossings(NamedTuple):
 def _line_crossings(
     depths: Depths, planes: _DepthPlanes, pairs: SamplePairs, tiling: Tiling
 ) -> _LineCrossings:
-    """Find where the line of equal depth passes between the samples of each pair.
+    """Find where the line of equal depth passes between the two samples of each pair.
 
-    It does if three conditions hold: both triangles cover both samples; the difference of their
-    depths changes faster along the axis of the pair than along the other axis; and their order in
-    depth changes by more than a rounding (`_ROUNDING`).
+    The line passes there if three conditions hold: both triangles of the pair cover both samples;
+    the difference of their depths changes faster along the axis of the pair than along the other
+    axis; and their order in depth changes by more than a rounding (`_ROUNDING`).
     """
     grid = tiling.grid
     before, after = pairs.before, jnp.maximum(pairs.after, 0)
@@ -278,9 +291,10 @@ def _exchange(
     color_changes: Float[Array, "channels lanes"],
     tiling: Tiling,
 ) -> _Exchange:
-    """Compute the exchange of each pair; its gain is 0 where no line of equal depth passes.
+    """Compute the `_Exchange` of each pair; its gain is 0 where no line of equal depth passes.
 
-    `color_changes` are as returned by `PairSearch.color_changes`.
+    `crossings` are those of the same pairs, and `color_changes` are as returned by
+    `PairSearch.color_changes`.
     """
     # A sample stands for an area of 1 / samples of a pixel.
     difference = color_changes / tiling.grid.samples
