@@ -276,7 +276,7 @@ def _compare_masks(
 
 @materialized
 def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
-    """Set a flag of a crossing where the mask of the same fact has a bit in this plane."""
+    """Set each flag where the mask of the same fact, in one plane, is not 0."""
     return _SampleFlags(
         *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
     )

@@ -1,8 +1,8 @@
 """Layer masks: for each sample of a translucent scene, which entries of its tile's list cover it.
 
-The bits of a coverage word are samples, for one triangle. Transposed, the bits of a layer mask are
-triangles, for one sample: the entries of the tile's list, nearest first. A loop over the set bits
-of a mask visits only the layers of its sample.
+The bits of a coverage word (`coverage.sampled`) are samples, for one triangle. Transposed, the bits
+of a layer mask are triangles, for one sample: the entries of the tile's list, nearest first. A loop
+over the set bits of a mask visits only the layers of its sample.
 """
 
 import functools
@@ -25,13 +25,14 @@ PLANE = 32
 
 
 class LayerMasks(NamedTuple):
-    """Masks of every sample, in planes of 32 list entries.
+    """Layer masks of every sample, in planes of 32 entries of the tile lists.
 
     Bit b of a mask in plane p says whether entry 32 p + b of its tile's list covers the sample.
 
     - `masks`: `masks[p, c, r]` is the mask, in plane p, of the sample in column c of its tile.
       Sample rows r are numbered tile by tile, in the order of the coverage words within a tile
-      (`address`).
+      (`visible_front.address`).
+    - `lists`: the tile lists.
     """
 
     masks: UInt32[Array, "planes columns tile_rows"]
@@ -44,7 +45,7 @@ class LayerMasks(NamedTuple):
 
 
 class SampleAddress(NamedTuple):
-    """Where the layers of each sample are.
+    """Where to read the list entries and the layer mask (`LayerMasks`) of each sample.
 
     - `tile`: the tile of the sample.
     - `start`: index of the first entry of the tile's list in the tile lists.
@@ -59,9 +60,10 @@ class SampleAddress(NamedTuple):
 def layer_masks(
     words: UInt32[Array, "pairs rows"], lists: TileLists, tiling: Tiling, *, max_list_length: int
 ) -> LayerMasks:
-    """Make the layer masks of all samples from the coverage words of the listed pairs.
+    """Make the layer masks of all samples by transposing coverage words.
 
-    Only the first `max_list_length` entries of each tile's list are sure to be included.
+    `words` has the coverage words of each entry of `lists`, a triangle in a tile. Only the first
+    `max_list_length` entries of each tile's list are sure to be included.
     """
 
     def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:
@@ -75,9 +77,9 @@ def layer_masks(
 def _gather_plane(
     words: UInt32[Array, "pairs rows"], lists: TileLists, plane: Int[Array, ""]
 ) -> UInt32[Array, "bits tile_rows"]:
-    """Gather the coverage words of the 32 entries of a plane, for every tile; 0 past a list's end.
+    """Gather the coverage words of 32 list entries for every tile; 0 past the end of a tile's list.
 
-    `plane` is the number of the plane.
+    The entries are those of the plane of number `plane`.
     """
     entry = plane * PLANE + jnp.arange(PLANE, dtype=jnp.int32)[:, None]
     gathered = words.at[lists.start[None] + entry].get(mode="clip")
@@ -110,7 +112,7 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
 def gather_masks(
     masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
-    """Gather the masks of samples in the plane of number `plane`."""
+    """Gather the layer masks of the samples at `where`, in the plane of number `plane`."""
     return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.mask_index)
 
 
@@ -119,6 +121,7 @@ def _gather(
     masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], mask_index: Int[Array, "*samples"]
 ) -> UInt32[Array, "*samples"]:
     # Indexed by plane and mask index at once, because slicing out the plane first would copy it.
+    """Gather masks by the number of a plane and by their indices in the flattened plane."""
     return masks.at[plane, mask_index].get(mode="promise_in_bounds")
 
 
@@ -130,7 +133,7 @@ def find_in_lists(
     *,
     max_list_length: int,
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """Find a triangle in the list of a tile, for each sample.
+    """Find one triangle for each sample in the list of one tile for each sample.
 
     Returns the number of entries in the list that are drawn after the triangle, and whether the
     entry that follows them is the triangle itself. Lists are in descending order of triangle
@@ -169,9 +172,10 @@ def most_layers(mask: UInt32[Array, "*samples"]) -> Int[Array, ""]:
 def bits_before(
     position: Int[Array, "*samples"], plane: Int[Array, ""]
 ) -> UInt32[Array, "*samples"]:
-    """Mask, in the plane of number `plane`, of the list entries before `position`.
+    """Mask, in the plane of number `plane`, of the list entries before the entry at `position`.
 
-    The position counts the entries of a tile's list from 0.
+    The position counts the entries of a tile's list from 0. Bit b of the mask is entry 32 plane +
+    b.
     """
     count = jnp.clip(position - plane * PLANE, 0, PLANE).astype(jnp.uint32)
     below_bits = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
@@ -195,8 +199,9 @@ def first_layer(
 ) -> Int[Array, "*samples"]:
     """Triangle of the first entry, the nearest, in each mask; any triangle where the mask is 0.
 
-    - `list_start`: index in `listed_triangles` of the first entry of the list that a mask is of.
-    - `plane`: number of the plane that the masks are of.
+    - `mask`: the layer mask of each sample in the plane of number `plane`.
+    - `list_start`: index in `listed_triangles` of the first entry of the list of the sample's tile.
+    - `listed_triangles`: the triangles of all lists, `TileLists.triangle`.
     """
     lowest = mask & (~mask + jnp.uint32(1))
     entry = jax.lax.population_count(lowest - jnp.uint32(1)).astype(jnp.int32)
@@ -217,6 +222,8 @@ def visit_layers(
     In each step, `visit(state, triangle, remaining)` returns the next state. `triangle` is the next
     layer of each sample, and `remaining` is the mask of this layer and those behind it. At samples
     that have no more layers, `remaining` is 0 and `triangle` has no meaning.
+
+    - `mask`, `where`: mask of each sample in the plane of number `plane`, and its address.
     """
 
     def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:

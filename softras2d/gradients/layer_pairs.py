@@ -1,11 +1,11 @@
 """Find the pairs of samples between which a layer of a translucent scene passes behind another.
 
 A triangle that covers two neighbouring samples may pass the depth test at one of them alone. At the
-other sample it is hidden by the nearest triangle that was drawn before it, which is the last drawn
-of those that passed. If this hiding triangle covers both samples too, a line of equal depth lies
-between them, at which the later triangle appears or disappears. The colour that the later triangle
-adds is computed at the sample where it passes, from the transmittance in front of it, its colour
-and alpha there, and the layers behind it.
+other sample it is hidden by the nearest triangle that was drawn before it. This hiding triangle is,
+of the triangles that passed there and were drawn before, the one drawn last. If it covers both
+samples too, a line of equal depth lies between them, at which the later triangle appears or
+disappears. The colour that the later triangle adds is computed at the sample where it passes, from
+the transmittance in front of it, its colour and alpha there, and the layers behind it.
 """
 
 import functools
@@ -40,7 +40,7 @@ from .visible_front import address
 
 
 class LayerPairs(PairSearch):
-    """The search in a translucent scene.
+    """The search for pairs of samples in a translucent scene; see `PairSearch` for the interface.
 
     A slot is an entry of the tile lists. Of the two triangles of a pair, the one that is drawn
     later appears or disappears between the samples. `masks` are the layer masks of
@@ -57,9 +57,9 @@ class LayerPairs(PairSearch):
         return self.samples.lists.triangle.shape[0]
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the pairs of samples that a triangle covers, and passes the depth test at only one.
+        """Mark the pairs of samples that a slot's triangle covers, passing at only one of them.
 
-        The layout is as in `PairSearch.candidates`.
+        "Passes" means passing the depth test. The layout is as in `PairSearch.candidates`.
         """
         lists, tiling, max_list_length = self.samples.lists, self.tiling, self.masks.max_list_length
         tile, triangle, is_used = materialized(_read_entries)(lists, slot)
@@ -82,9 +82,11 @@ class LayerPairs(PairSearch):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Keep the pairs at which the triangle that hides the other covers both samples.
+        """Keep the candidates of which the hiding triangle covers both samples too.
 
-        Arguments and results are as in `PairSearch.pairs`.
+        The hiding triangle is the one that hides the slot's triangle at the sample where the latter
+        fails the depth test (see the top of this file). Arguments and results are as in
+        `PairSearch.pairs`.
         """
         tiling, lists = self.tiling, self.samples.lists
         decode = materialized(functools.partial(_decode, tiling=tiling))
@@ -99,8 +101,8 @@ class LayerPairs(PairSearch):
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
         """The colour that the later triangle adds, times -1 if it is hidden at the second sample.
 
-        The later triangle is the one that is drawn later. The colour is computed at the sample
-        where it passes the depth test.
+        The later triangle is the one of the pair that is drawn later. The colour that it adds is
+        computed at the sample where it passes the depth test (`_added_color`).
         """
         later = jnp.maximum(pairs.before, pairs.after)
         appears = pairs.before < pairs.after
@@ -110,10 +112,11 @@ class LayerPairs(PairSearch):
 
 
 class _Changes(NamedTuple):
-    """Candidates, and where the triangle of each one passes the depth test.
+    """Candidates, and where the slot's triangle of each candidate passes the depth test.
 
-    - `triangle`: the triangle, which covers both samples and passes the depth test at one of them.
-    - `hidden`: the sample at which it fails.
+    - `triangle`: the slot's triangle, which covers both samples and passes the depth test at one of
+      them.
+    - `hidden`: the sample at which this triangle fails the depth test.
     - `passes_first`: whether it passes at the first sample of the pair, and so fails at the second.
     """
 
@@ -126,9 +129,10 @@ class _Changes(NamedTuple):
 def _read_entries(
     lists: TileLists, slot: Int[Array, " slots"]
 ) -> tuple[Int[Array, " slots"], Int[Array, " slots"], Bool[Array, " slots"]]:
-    """Tile and triangle of entries of the tile lists, and whether each entry is used.
+    """Return the tile and the triangle of entries of the tile lists, and whether each is used.
 
-    The tile of an unused entry is 0, and its triangle has no meaning.
+    `slot` has the indices of the entries. The tile of an unused entry is 0, and its triangle has no
+    meaning.
     """
     is_used = slot < jnp.sum(lists.count, dtype=jnp.int32)
     tile = jnp.where(is_used, lists.tile.at[slot].get(mode="clip"), 0)
@@ -148,6 +152,7 @@ def _mark_changes(
 ) -> UInt32[Array, "slots rows"]:
     """Compute `LayerPairs.candidates` for one direction: down if `is_down`, else right.
 
+    - `covered`, `passed`: coverage words of all list entries, before and after the depth test.
     - `is_used`: whether each slot is in use.
     - `next_slot`: the entry of the slot's triangle in the list of the next tile in this direction.
     - `is_listed`: whether the next tile exists and lists this triangle.
@@ -171,7 +176,7 @@ def _mark_changes(
 def _next_tile(
     tile: Int[Array, " slots"], tiling: Tiling, *, is_down: bool
 ) -> tuple[Int[Array, " slots"], Bool[Array, " slots"]]:
-    """The tile to the right, or below if `is_down`, and whether there is one on the canvas.
+    """Return the tile to the right, or below if `is_down`, and whether there is one on the canvas.
 
     Where there is none, the tile itself is returned.
     """
@@ -190,8 +195,8 @@ def _next_samples(
 ) -> UInt32[Array, "slots rows"]:
     """Replace the bit of each sample by the bit of its neighbour: right, or below if `is_down`.
 
-    `beyond` are the words of the next tile in this direction, which has the neighbours of the last
-    column or row.
+    `words` are coverage words of tiles. `beyond` are those of the next tile in this direction,
+    which has the neighbours of the last column or row.
     """
     if not is_down:
         first_column = (beyond & jnp.uint32(1)) << jnp.uint32(tiling.sample_columns - 1)
@@ -213,7 +218,11 @@ def _decode(
     *,
     tiling: Tiling,
 ) -> _Changes:
-    """Decode a group of candidates, and find at which sample the triangle of each one passes."""
+    """Decode a group of candidates, and find the sample at which each slot's triangle passes.
+
+    "Passes" means passing the depth test. The arguments are as in `PairSearch.pairs`; `passed` are
+    the coverage words of all list entries after the depth test.
+    """
     tile, triangle, _ = _read_entries(lists, slot)
     candidates = decode_group(words, ends, tile, group, tiling)
     _, word_index, bit = address(candidates.first, tiling)
@@ -224,7 +233,7 @@ def _decode(
 
 
 def _choose(condition: Bool[Array, " lanes"], first: Sample, second: Sample) -> Sample:
-    """Choose the first sample where the condition holds, else the second."""
+    """Return `first` where the condition holds, else `second`, for each lane."""
     return jax.tree.map(functools.partial(jnp.where, condition), first, second)
 
 
@@ -233,7 +242,7 @@ def _first_behind(
 ) -> Int[Array, " lanes"]:
     """Triangle of the first layer of each sample at or after a position of its list, -1 for none.
 
-    - `where`: address of the sample's masks.
+    - `where`: address of the sample's layer masks.
     - `position`: counts the entries of the list of the sample's tile from 0.
     """
 
@@ -248,10 +257,11 @@ def _first_behind(
 def _keep_covering(
     edges: Edges, changes: _Changes, hider: Int[Array, " lanes"]
 ) -> tuple[SamplePairs, Int[Array, ""]]:
-    """Keep the candidates whose `hider` also covers the sample where the other triangle passes.
+    """Keep the candidates whose `hider` covers both samples, and make pairs of them.
 
-    `hider` is the triangle that hides the triangle of each candidate, -1 for none. Returns as
-    `keep_pairs`.
+    `hider` is the triangle that hides `changes.triangle` at one of the samples, -1 for none. So
+    only the sample where `changes.triangle` passes the depth test has to be tested. Returns the
+    pairs and their number, as `keep_pairs` does.
     """
     candidates, passes_first = changes.candidates, changes.passes_first
     shown = _choose(passes_first, candidates.first, candidates.second)
@@ -266,12 +276,12 @@ def _keep_covering(
 
 
 class _Layers(NamedTuple):
-    """Layers of a sample that were visited so far, from the front, split at one triangle.
+    """The layers of each sample that were visited so far, from the front, split at one triangle.
 
     - `in_front`: transmittance of the layers in front of the triangle.
     - `color`, `alpha`: premultiplied colour and alpha of the triangle; 0 until it is visited.
     - `behind`: premultiplied colour of the layers behind the triangle.
-    - `behind_transmittance`: transmittance of these layers.
+    - `behind_transmittance`: transmittance of the layers behind the triangle.
     """
 
     in_front: Float[Array, " lanes"]
@@ -288,7 +298,7 @@ def _added_color(
     sample: Sample,
     tiling: Tiling,
 ) -> Float[Array, "channels lanes"]:
-    """Colour of each sample with all its layers, minus the colour without one of them.
+    """Colour of each sample with all its layers, minus its colour without one of them.
 
     `triangle` is the triangle of this layer, one for each sample.
     """
@@ -320,11 +330,11 @@ def _add_layer(
     draws_ahead: Int[Array, " lanes"],
     is_layer: Bool[Array, " lanes"],
 ) -> _Layers:
-    """Add the next layer from the front to the part that it belongs to.
+    """Add the next layer from the front to that part of `layers` to which it belongs.
 
     - `rgba`: premultiplied colour and alpha of the layer.
-    - `draws_ahead`: index of its triangle minus the index of the triangle at which layers are
-      split: positive in front of this triangle, 0 for the triangle itself, negative behind it.
+    - `draws_ahead`: index of the layer's triangle minus the index of the triangle at which `layers`
+      are split: positive in front of this triangle, 0 for the triangle itself, negative behind it.
     - `is_layer`: false for samples without a further layer, which stay unchanged.
     """
     color, alpha = rgba[: layers.color.shape[0]], rgba[3]

@@ -17,8 +17,9 @@ from .sample_colors import LayerColors
 class LayeredSamples(NamedTuple):
     """The layers of a translucent scene at each sample, as the boundary term needs them.
 
-    - `covered`: coverage words of each pair in `lists`, a triangle in a tile.
+    - `covered`: coverage words of each entry of `lists`, a pair of a triangle and a tile.
     - `passed`: the same without the samples that fail the depth test.
+    - `lists`: the tile lists.
     - `edges`: edge functions of all triangles.
     - `depths`: inputs of the depth test; None without one.
     - `colors`: colours of the triangles at samples and on edges.
@@ -42,8 +43,9 @@ def later_is_in_front(
 ) -> Bool[Array, "*samples"]:
     """Whether, of the layers `other` and `triangle`, the one that is drawn later lies in front.
 
-    `depth` is the depth of `other`, and `triangle_depth` the depth of `triangle`. The result is
-    true if either is None, in scenes without depth.
+    Both are indices of triangles, which are also their draw order. `depth` is the depth of `other`,
+    and `triangle_depth` the depth of `triangle`. The result is true if either depth is None, in
+    scenes without depth.
     """
     if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)

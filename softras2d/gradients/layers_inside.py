@@ -1,10 +1,10 @@
 """The layers in front of a translucent edge, at samples inside where `edge_gains` misses some.
 
-When `edge_gains` visits the layers of the sample outside, it compares the masks of the two samples,
-and so finds the layers that cover both. It misses the layers in front that cover the sample inside
-alone, except in scenes with flat colours and no depth. Where the two samples lie in different
-tiles, it misses all layers of the sample inside. Few crossings have such layers: these crossings
-are gathered and visited here.
+When `edge_gains` visits the layers of the sample outside an edge, it compares the masks of the
+samples inside and outside, and so finds the layers that cover both. It misses the layers in front
+that cover the sample inside alone, except in scenes with flat colours and no depth. Where the two
+samples lie in different tiles, it misses all layers of the sample inside. Few crossings have such
+layers: these crossings are gathered and visited here.
 """
 
 from typing import NamedTuple
@@ -31,7 +31,7 @@ from .layered_samples import LayeredSamples, later_is_in_front
 
 
 class InsideLanes(NamedTuple):
-    """Data of crossings, one per lane.
+    """The crossings of edges to be visited, one per lane, with what a visit needs.
 
     - `inside`, `outside`: where the layers of the samples inside and outside are.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
@@ -72,7 +72,7 @@ def visit_inside(
 ) -> InsideState:
     """Visit the layers of the samples inside that `edge_gains` has missed, at selected crossings.
 
-    Crossings that are not selected keep an `in_front` of 1 and their `covers`.
+    Crossings that are not selected get an `in_front` of 1 and keep their `covers`.
 
     - `lanes`: all crossings, selected or not.
     - `covers`: initial value of `InsideState.covers`; visits can only change it to true.
@@ -99,7 +99,7 @@ def _gather_lanes(lanes: InsideLanes, group: Int[Array, " group"]) -> InsideLane
 def _look_inside(
     samples: LayeredSamples, masks: LayerMasks, lanes: InsideLanes, tiling: Tiling
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
-    """Compute the fields of `InsideState` for the crossings of a group."""
+    """Compute the two fields of `InsideState` for the crossings of one group."""
     depths, triangle = samples.depths, lanes.triangle
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:

@@ -1,8 +1,8 @@
 """Find the pairs of samples between which two triangles of an opaque scene may interpenetrate.
 
 Candidates are found in the coverage words: a triangle is visible at a sample, and covers the next
-sample without being visible there. A candidate is kept if another triangle is visible at the next
-sample, and may cover the first sample too.
+sample, to the right or below, without being visible there. A candidate is kept if another triangle
+is visible at the next sample, and may cover the first sample too.
 """
 
 import functools
@@ -20,9 +20,10 @@ from .visible_front import address, slot_at
 
 
 class OpaquePairs(PairSearch):
-    """The search in an opaque scene, over the slots of `samples.front.chunks`.
+    """The search for pairs of samples in an opaque scene; see `PairSearch` for the interface.
 
-    `max_chunks` is an upper bound on the number of chunks of a tile, a power of two.
+    A slot is a slot of `samples.front.chunks`. `max_chunks` is an upper bound on the number of
+    chunks of a tile, a power of two.
     """
 
     samples: OpaqueSamples
@@ -35,10 +36,11 @@ class OpaquePairs(PairSearch):
         return self.samples.front.chunks.triangle.size
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the pairs of samples that a triangle covers, and is visible at the first one only.
+        """Mark the pairs of samples that a slot's triangle covers, visible at the first one only.
 
         The layout is as in `PairSearch.candidates`. At the right or lower border of a tile, where
-        the second sample is in another tile, every visible sample is marked.
+        the second sample is in another tile, every sample at which the triangle is visible is
+        marked.
         """
         visible, covered = self.samples.front.visible, self.samples.covered
         return _candidate_words(visible, covered, slot, tiling=self.tiling)
@@ -88,6 +90,7 @@ def _candidate_words(
 
     - `visible`: the samples at which each slot's triangle is visible, as in `Front`.
     - `covered`: the samples that the triangle covers, whether it is visible there or not.
+    - `slot`: indices of the slots to search.
     """
     rows = tiling.sample_rows
     visible, covered = (
@@ -113,7 +116,11 @@ def _decode(
     *,
     tiling: Tiling,
 ) -> tuple[Candidates, Int[Array, " lanes"]]:
-    """Decode a group of candidates, and gather the triangle of the slot of each one."""
+    """Decode a group of candidates; return them, and the triangle of each candidate's slot.
+
+    - `words`, `ends`, `slot`, `group`: as in `PairSearch.pairs`.
+    - `chunk_tiles`, `slot_triangles`: the tile of each chunk, and the triangle of each slot.
+    """
     slot = jnp.minimum(slot, slot_triangles.size - 1)
     candidates = decode_group(
         words, ends, chunk_tiles[slot // slot_triangles.shape[1]], group, tiling
@@ -132,8 +139,9 @@ def _keep_changed(
 ) -> tuple[SamplePairs, Int[Array, ""]]:
     """Keep the candidates whose second sample shows another triangle that may cover the first too.
 
-    `before` is the triangle that is visible at the first sample. `after_slot` is the slot that is
-    visible at the second sample, -1 for the background. Returns as `keep_pairs`.
+    `before` is the triangle that is visible at the first sample. `after_slot` is the slot whose
+    triangle is visible at the second sample, -1 for the background. Returns the pairs and their
+    number, as `keep_pairs` does.
     """
     after = slot_triangles.reshape(-1)[jnp.maximum(after_slot, 0)]
     covers_first = _may_cover_first(covered, candidates, after_slot, tiling)
@@ -150,7 +158,7 @@ def _may_cover_first(
 ) -> Bool[Array, " lanes"]:
     """Whether the triangle that is visible at the second sample may cover the first sample too.
 
-    `after_slot` is its slot. The result has no meaning where this is -1.
+    `after_slot` is the slot of this triangle. The result has no meaning where the slot is -1.
     """
     tile, word_index, bit = address(candidates.first, tiling)
     word = covered.reshape(-1)[jnp.maximum(after_slot, 0) * tiling.sample_rows + word_index]

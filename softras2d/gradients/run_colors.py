@@ -1,4 +1,8 @@
-"""Colours of layers at the samples of runs, from data that are gathered once per run and tile."""
+"""Colours of layers at the samples of runs, from data that are gathered once per run and tile.
+
+A run is a group of successive crossings of one edge (`crossings.Runs`). Its samples on one side of
+the edge lie in at most two tiles (`run_tiles`).
+"""
 
 import functools
 
@@ -28,8 +32,8 @@ def colors_of_runs(
 ) -> Float[Array, "channels lines runs"]:
     """Compute the colour of a triangle at each sample of each run: one triangle per tile of a run.
 
-    Colours have straight alpha if `surface.is_flat`; else they are premultiplied. The surface must
-    not have textures.
+    The triangle need not cover the sample. Colours have straight alpha if `surface.is_flat`; else
+    they are premultiplied. The surface must not have textures.
 
     - `triangle`: the triangle for the samples in the first and in the second tile of each run.
     - `sample`: the samples, in `tiles`.
@@ -50,7 +54,7 @@ def colors_of_runs(
 def _flat_colors_of_runs(
     color: Float[Array, "channels triangles"], triangle: Int[Array, "2 runs"], tiles: RunTiles
 ) -> Float[Array, "channels lines runs"]:
-    """Gather the one colour of each triangle for the samples of runs."""
+    """Gather the one colour of each triangle; arguments are as in `colors_of_runs`."""
     return tiles.of_samples(color[:, triangle])
 
 
@@ -62,10 +66,15 @@ def _weights_of_runs(
     *,
     tiling: Tiling,
 ) -> SampleWeights:
-    """Compute the weights of corners 1 and 2 at the samples of runs, in space with `inverse_w`.
+    """Compute the barycentric weights of corners 1 and 2 at the samples of runs.
 
-    `terms` and `inverse_w` have a lane for the first tile of each run, then one for the second tile
-    of each run. `inverse_w` is None for scenes without it.
+    They are the weights on the triangle in space if there is an `inverse_w`, else those on the
+    screen.
+
+    - `terms`, `inverse_w`: numbers from which weights are computed (`AffineWeights`), and 1/w of
+      the corners. They have a lane for the first tile of each run, then one for the second tile of
+      each run. `inverse_w` is None for scenes without it.
+    - `sample`: column and row of the samples on the canvas.
     """
     column, row = sample
     column, row = column % tiling.sample_columns, row % tiling.sample_rows
@@ -88,7 +97,7 @@ def _interpolate_runs(
 ) -> Float[Array, "channels lines runs"]:
     """Interpolate the colours of the corners at the samples of runs.
 
-    Lanes of `color` are the first tiles of the runs, then the second.
+    Lanes of `color` are the first tiles of all runs, then the second tiles of all runs.
     """
     runs = color.shape[-1] // 2
     corners = tiles.of_samples(color.reshape(*color.shape[:2], 2, runs))
@@ -97,4 +106,5 @@ def _interpolate_runs(
 
 @materialized
 def _premultiply(color: Float[Array, "channels lines runs"]) -> Float[Array, "channels lines runs"]:
+    """Multiply RGB by alpha; colours without alpha stay unchanged."""
     return premultiply(color, axis=0)

@@ -1,7 +1,8 @@
 """Visit the layers of all samples of a run together, because they share the lists of their tiles.
 
-The data of a layer are read once for all samples of a run. Only values that differ from sample to
-sample are computed for each sample.
+A run is a group of successive crossings of one edge (`crossings.Runs`); its samples here are the
+samples outside the edge. The data of a layer are read once for all samples of a run. Only values
+that differ from sample to sample are computed for each sample.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from .run_tiles import RunTiles
 
 
 class ListedEdges(NamedTuple):
-    """Where the triangle of each run's edge is in the lists of both tiles of the run.
+    """Where the triangle of each run's edge is in the lists of both tiles of the run (`RunTiles`).
 
     - `position`: number of entries in the list that are drawn after the triangle.
     - `is_listed`: whether the entry that follows them is the triangle itself.
@@ -28,7 +29,7 @@ class ListedEdges(NamedTuple):
 
 
 def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]) -> ListedEdges:
-    """Find the triangle of each run in the lists of both tiles of the run."""
+    """Find the triangle of each run's edge in the lists of both tiles of the run."""
     both = jnp.stack([triangle, triangle])
     return ListedEdges(
         *find_in_lists(masks.lists, tiles.tile, both, max_list_length=masks.max_list_length)
@@ -47,11 +48,11 @@ def visit_run_layers(
 
     Returns the last state. In each step, `visit(state, triangle, bit)` returns the next state. For
     each of the two tiles of a run, `triangle` is the next list entry that covers any of the run's
-    samples there, and `bit` is its bit. The triangle is a layer of the samples of the tile whose
+    samples there, and `bit` is its bit. The triangle is a layer of those samples of the tile whose
     `mask` contains this bit. For tiles without further layers, the bit is 0 and the triangle has no
     meaning.
 
-    - `mask`: mask of each sample in the plane of number `plane`.
+    - `mask`: layer mask of each sample in the plane of number `plane` (`LayerMasks`).
     - `listed_triangles`: triangles of the tile lists, as in `TileLists`.
     """
 

@@ -1,4 +1,7 @@
-"""The tiles in which the samples outside the edge of a run lie: one or two (`crossings.LINES`)."""
+"""The tiles in which the samples outside the edge of a run lie: one or two.
+
+A run is a group of successive crossings of one edge. `crossings.LINES` says why two are enough.
+"""
 
 from typing import NamedTuple
 
@@ -14,7 +17,7 @@ class RunTiles(NamedTuple):
     - `tile`: the first tile, which has the lower number, and the second.
     - `start`: index of the first entry of each tile's list in the tile lists.
     - `is_second`: whether a sample lies in the second tile; false if all samples of its run lie in
-      one tile, and for samples that are not valid.
+      one tile.
     """
 
     tile: Int[Array, "2 runs"]
@@ -22,7 +25,7 @@ class RunTiles(NamedTuple):
     is_second: Bool[Array, "lines runs"]
 
     def of_samples(self, values: Array) -> Array:
-        """Choose for each sample the value of its tile.
+        """Choose for each sample the value of the tile in which it lies.
 
         Maps `[..., 2, runs]`, a value for both tiles of each run, to `[..., lines, runs]`.
         """
@@ -38,7 +41,8 @@ def tiles_of_runs(
 ) -> RunTiles:
     """Find the two tiles in which the `valid` samples of each run lie.
 
-    `tile` is the tile of each sample, and `list_starts` is `TileLists.start`.
+    `tile` is the tile of each sample, and `list_starts` is `TileLists.start`. Samples that are not
+    valid get an `is_second` of false.
     """
     first = jnp.min(jnp.where(valid, tile, list_starts.shape[0] - 1), 0)
     last = jnp.max(jnp.where(valid, tile, 0), 0)

@@ -1,4 +1,9 @@
-"""The colours that the boundary term compares: the interface, and the colours of a scene."""
+"""Colours of triangles at samples and on edges, which the boundary term compares.
+
+`SampleColors` is the interface. `SurfaceColors` shades the triangles of the scene, and
+`LayerColors` converts any colours to premultiplied RGBA. `OpaqueSamples` is what the boundary term
+of an opaque scene takes.
+"""
 
 import abc
 import functools
@@ -22,6 +27,8 @@ from .visible_front import Front, color_at, color_on_edge
 class SampleColors(eqx.Module):
     """Interface: colours of triangles at samples and on edges, as a tree of arrays.
 
+    Runs, crossings and the samples inside and outside an edge are defined in `crossings`.
+
     - `background`: the colour where no triangle is visible.
     """
 
@@ -43,22 +50,22 @@ class SampleColors(eqx.Module):
 
     @abc.abstractmethod
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Colour, at each crossing, of the triangle to which the edge belongs."""
+        """Colour of the edge's triangle at each crossing, which is a point on the edge."""
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
         """Colour at each sample of the triangle that its run has in the tile of the sample.
 
-        As `at`, with one triangle for the first and one for the second tile of each run. No
-        triangle may be -1.
+        As `at`, but `triangle` has one triangle for the first and one for the second tile of each
+        run (`RunTiles`). No triangle may be -1.
         """
         return self.at(tiles.of_samples(triangle), sample, tiling)
 
     def at_each(
         self, triangle: Int[Array, " lanes"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lanes"]:
-        """Colour of a triangle at each sample, as `at`, for a list with one axis."""
+        """Colour of a triangle at each sample, as `at`, for arrays with one axis."""
         row_of_samples = Sample(sample.column[None], sample.row[None])
         return self.at(triangle[None], row_of_samples, tiling)[:, 0]
 
@@ -67,7 +74,7 @@ class SampleColors(eqx.Module):
     ) -> Bool[Array, "lines runs"]:
         """Whether the colours on both sides of each crossing are known; true by default.
 
-        - `shows_inside`: whether the edge's own triangle is visible at the sample inside.
+        - `shows_inside`: whether the edge's triangle is visible at the sample inside.
         - `shows_outside`: whether what lies just outside the edge is also visible at the sample
           outside.
         """
@@ -75,7 +82,11 @@ class SampleColors(eqx.Module):
 
 
 class SurfaceColors(SampleColors):
-    """The colours of the scene's triangles: straight alpha if `is_flat`, else premultiplied."""
+    """The colours of the scene's triangles: straight alpha if `is_flat`, else premultiplied.
+
+    - `background`: the colour where no triangle is visible, with as many channels as the triangles.
+    - `surface`: the data of the triangles from which they are shaded.
+    """
 
     background: Float[Array, " channels"]
     surface: Surface
@@ -88,27 +99,30 @@ class SurfaceColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Shade the triangle at the sample, whether it is visible there or not."""
+        """Shade the triangle at the sample, whether it covers the sample or not.
+
+        Where `triangle` is -1, the result is the background.
+        """
         flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Shade the triangles at the samples of runs, with their data gathered once per run."""
+        """Shade triangles at the samples of runs; their data are gathered once per run and tile."""
         if self.surface.textures is not None:
             # Shading every sample once for each tile of its run would read twice as many texels.
             return super().of_runs(triangle, tiles, sample, tiling)
         return colors_of_runs(self.surface, triangle, tiles, sample, tiling)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Shade the triangle on its edge."""
+        """Shade the edge's triangle at each crossing, on its edge."""
         flat = self.is_flat
         return color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=flat)
 
 
 class LayerColors(SampleColors):
-    """Premultiplied RGBA of the layers of a translucent scene.
+    """Premultiplied RGBA of the layers of a translucent scene, converted from other colours.
 
     - `background`: 0 in all four channels, because the background is not a layer.
     - `colors`: RGB or RGBA of the triangles; triangles with RGB are opaque.
@@ -126,12 +140,15 @@ class LayerColors(SampleColors):
 
     @classmethod
     def of(cls, colors: SampleColors, *, is_straight: bool) -> "LayerColors":
-        """Make the colours of layers from RGB or RGBA colours of triangles."""
+        """Make the colours of layers from RGB or RGBA colours of triangles.
+
+        `is_straight` says whether these have straight alpha; else they are premultiplied.
+        """
         return cls(jnp.zeros(4, colors.background.dtype), colors, is_straight)
 
     @classmethod
     def of_surface(cls, surface: Surface) -> "LayerColors":
-        """Make the colours of layers from the scene's triangles."""
+        """Make the colours of layers by shading the scene's triangles."""
         color = surface.corners.color
         if surface.is_flat:
             # Premultiplied here once per triangle, rather than at each sample.
@@ -142,26 +159,27 @@ class LayerColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "4 lines runs"]:
-        """Premultiplied RGBA of the triangle at the sample."""
+        """Premultiplied RGBA of the triangle at the sample; no triangle may be -1."""
         return self._to_rgba(self.colors.at(triangle, sample, tiling))
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "4 lines runs"]:
-        """Premultiplied RGBA of the triangles at the samples of runs."""
+        """Premultiplied RGBA of the triangles at the samples of runs (`SampleColors.of_runs`)."""
         return self._to_rgba(self.colors.of_runs(triangle, tiles, sample, tiling))
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "4 lines runs"]:
-        """Premultiplied RGBA of the triangle on its edge."""
+        """Premultiplied RGBA of the edge's triangle at each crossing, on its edge."""
         return self._to_rgba(self.colors.on_edge(crossings, tiling))
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the colours from which the layers' colours are made are known."""
+        """Whether `colors`, from which the layers' colours are made, are known."""
         return self.colors.are_known(shows_inside, shows_outside)
 
     def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:
+        """Convert what `colors` returned to premultiplied RGBA."""
         if color.shape[0] == 4 and not self.is_straight:
             return color
         return materialized(functools.partial(_to_rgba, is_straight=self.is_straight))(color)
@@ -182,7 +200,8 @@ class OpaqueSamples(NamedTuple):
     """The visible triangles of an opaque scene at its samples, as the boundary term needs them.
 
     - `front`: which triangle is visible at each sample.
-    - `covered`: the samples that each slot's triangle covers, whether it is visible there or not.
+    - `covered`: coverage words of the samples that each slot's triangle covers, whether it is
+      visible there or not.
     - `edges`: edge functions of all triangles.
     - `depths`: inputs of the depth test; None without one.
     - `colors`: colours of the triangles at samples and on edges.

@@ -3,8 +3,9 @@
 This file holds the interface (`PairSearch`), and the functions that its two members share: the
 search in opaque scenes (`opaque_pairs`) and in translucent ones (`layer_pairs`).
 
-A candidate is a pair of neighbouring samples: a triangle is visible at one of them, and covers the
-other without being visible there. (In a translucent scene, "visible" means that it passes the depth
+The search goes through slots, each of which is a triangle in a tile. A candidate of a slot is a
+pair of neighbouring samples: the slot's triangle is visible at one of them, and covers the other
+without being visible there. (In a translucent scene, "visible" means that it passes the depth
 test.) Candidates are stored as bits of words, like coverage. They are marked and counted for a
 block of slots at a time, and decoded in groups of `CANDIDATES`, one per lane. The candidates that
 pass a further test are moved to the first lanes.
@@ -33,6 +34,7 @@ class SamplePairs(NamedTuple):
 
     - `before`: the triangle that lies in front at the first sample.
     - `after`: the triangle that lies in front at the second sample; -1 in unused lanes.
+    - `first`, `second`: the two samples of the pair.
     - `is_down`: whether the second sample lies below the first, rather than to its right.
     """
 
@@ -44,7 +46,7 @@ class SamplePairs(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """A group of candidates: pairs of samples, and the slot of the triangle that is visible at one.
+    """A group of candidates: pairs of samples, of which a slot's triangle is visible at one only.
 
     - `slot`: index of the slot in the block of slots that is searched.
     - `first`, `second`: the samples; the second lies below the first if `is_down`, else to its
@@ -60,16 +62,17 @@ class Candidates(NamedTuple):
 
 
 class PairSearch(eqx.Module):
-    """A search for pairs of samples between which two triangles may interpenetrate.
+    """Interface: a search for pairs of samples between which two triangles may interpenetrate.
 
     A slot is a triangle in a tile, with one coverage word for each row of samples of the tile.
     Callers search blocks of slots, and pass the numbers of the slots of a block as `slot`.
+    Candidates are defined at the top of this file.
     """
 
     @property
     @abc.abstractmethod
     def slot_count(self) -> int:
-        """Number of slots, used or not."""
+        """Number of slots of the scene, used or not."""
 
     @abc.abstractmethod
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
@@ -87,12 +90,14 @@ class PairSearch(eqx.Module):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Find the pairs of a group of candidates at which both triangles may cover both samples.
+        """Keep the candidates of a group of which both triangles may cover both samples.
 
-        Returns the pairs, which fill the first lanes, and their number.
+        One triangle is the slot's. The other lies in front at the sample where the slot's triangle
+        is not visible. Returns the pairs, which fill the first lanes, and their number.
 
         - `words`: the flattened `candidates` of the slots.
         - `ends`: as returned by `count_candidates` for these words.
+        - `slot`: numbers of the slots of the block.
         - `group`: number of the group, of `CANDIDATES` candidates each.
         """
 
@@ -106,7 +111,7 @@ class PairSearch(eqx.Module):
 
 @materialized
 def count_candidates(words: UInt32[Array, " words"]) -> Int[Array, " words"]:
-    """Number of candidates, the set bits, in each word and all words before it."""
+    """Number of set bits, which are candidates, in each word and all words before it."""
     return cumulative_sum(jax.lax.population_count(words).astype(jnp.int32))
 
 
@@ -117,7 +122,7 @@ def decode_group(
     group: Int[Array, ""],
     tiling: Tiling,
 ) -> Candidates:
-    """Decode one group of the candidates in `words`.
+    """Decode one group of the candidates that are marked as bits of `words`.
 
     - `words`, `ends`, `group`: as in `PairSearch.pairs`.
     - `slot_tiles`: tile of each slot of the block.
@@ -147,7 +152,7 @@ def keep_pairs(
 ) -> tuple[SamplePairs, Int[Array, ""]]:
     """Move the lanes in which `is_pair` holds to the front, and count them.
 
-    Returns the pairs, with an `after` of -1 in the lanes behind them, and their number.
+    Returns the pairs, whose `after` is -1 in the lanes behind the moved ones, and their number.
     """
     end = cumulative_sum(is_pair.astype(jnp.int32))
     lane = jnp.where(is_pair, end - 1, CANDIDATES)

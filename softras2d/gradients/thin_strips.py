@@ -1,10 +1,10 @@
 """Find what is visible in a strip between two triangles that is thinner than the sample spacing.
 
-Two neighbouring samples may show two triangles that do not meet: each ends between the samples, and
-the strip between their edges shows a third triangle, or the background, that neither sample shows.
-Then the colour beyond each of the two edges is the colour of the strip. To find the third triangle,
-every triangle in the list of the tile is tested at a point just outside the edge. Few crossings
-need this test: they are gathered and processed in groups.
+Two neighbouring samples of an opaque scene may show two triangles that do not meet: each triangle
+ends between the samples, and the strip between their edges shows a third triangle, or the
+background, that neither sample shows. Then the colour beyond each of the two edges is the colour of
+the strip. To find the third triangle, every triangle in the list of the tile is tested at a point
+just outside the edge. Few crossings need this test: they are gathered and processed in groups.
 """
 
 import functools
@@ -38,12 +38,12 @@ def ends_before_edge(
     """Whether the triangle that is visible at the sample outside ends before it reaches the edge.
 
     - `triangle_outside`: the triangle that is visible at the sample outside, -1 for the background,
-      which does not end.
-    - `shows_inside`: whether the edge's own triangle is visible at the sample inside. Where it is
-      not, the result is false.
+      for which the result is false.
+    - `shows_inside`: whether the edge's triangle is visible at the sample inside. Where it is not,
+      the result is false.
 
-    At the border of the canvas both samples are the same, and show the edge's own triangle. The
-    result is true there, so that what lies beyond the edge is searched for.
+    At the border of the canvas both samples are the same, and show the edge's triangle. The result
+    is true there, so that what lies beyond the edge is searched for.
     """
     triangle = jnp.maximum(triangle_outside, 0)
     reaches_edge = _covers_near(edges, triangle, crossings.outside, _offset_outside(crossings))
@@ -63,7 +63,11 @@ def fill_strips(
 
     The triangle is -1 for the background. Where `is_strip` is false, the results are
     `triangle_outside` and `is_visible` as they were given. Where it is true, every triangle in the
-    list of the tile is tested.
+    list of the tile is tested, and the edge is visible if its triangle lies in front of the one
+    that is found.
+
+    - `triangle_outside`: the triangle that is visible at the sample outside.
+    - `is_strip`: as returned by `ends_before_edge`.
     """
     depth_of_edge = None
     if samples.depths is not None:
@@ -100,7 +104,10 @@ def _gather_crossings(
     outside: Sample,
     offset: Float[Array, "2 lines runs"],
 ) -> tuple[Int[Array, " lanes"], Sample, Float[Array, "2 lanes"]]:
-    """Gather the edge's triangle, the sample outside and the offset of the crossings in `lanes`."""
+    """Gather the edge's triangle, the sample outside and the offset of the crossings in `lanes`.
+
+    `lanes` has indices of crossings in flattened arrays. The offset is that of `_offset_outside`.
+    """
     return (
         edge_triangle.reshape(-1).at[lanes].get(mode="clip"),
         Sample(*(entry.reshape(-1).at[lanes].get(mode="clip") for entry in outside)),
@@ -113,7 +120,7 @@ def _offset_outside(
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
     """Offset, in samples along x and y, from the sample outside to a point just outside the edge.
 
-    The point lies `_OUTSIDE` samples beyond the crossing.
+    The point lies on the line of the crossing, `_OUTSIDE` samples beyond the crossing.
     """
     along = crossings.gap + _OUTSIDE * crossings.outwards[None]
     is_row = crossings.along_row[None]
@@ -139,7 +146,7 @@ def _covers_near(
 ) -> Bool[Array, "*samples"]:
     """Whether each triangle covers the point at an offset from its sample, up to rounding.
 
-    The offset along x and y is in samples, at most two.
+    `offset` has the offset along x and along y, in samples, at most two.
     """
     inside = jnp.ones(triangle.shape, bool)
     x, y = (entry.astype(jnp.float32) for entry in offset)
@@ -160,12 +167,12 @@ def _nearest_other(
     edge_depth: Float[Array, " lanes"] | None,
     tiling: Tiling,
 ) -> tuple[Int[Array, " lanes"], Bool[Array, " lanes"]]:
-    """Find the nearest triangle that covers each point, other than the edge's own triangle.
+    """Find the nearest triangle that covers each point, other than the edge's triangle.
 
-    Returns this triangle, -1 where no other covers the point, and whether the edge's own triangle
-    lies in front of it; true where there is none.
+    Returns this triangle, -1 where no other covers the point, and whether the edge's triangle lies
+    in front of it, which is true where there is none.
 
-    - `edge_triangle`: the edge's own triangle.
+    - `edge_triangle`: the edge's triangle.
     - `sample`, `offset`: the point, as a sample and the offset from it along x and y, in samples.
     - `edge_depth`: depth of `edge_triangle` on the edge; None without depth, where the triangle
       that is drawn last is nearest.
@@ -213,7 +220,10 @@ def _nearest_other(
 def _locate_slots(
     chunks: Chunks, sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, " lanes"], Int[Array, " lanes"]]:
-    """First slot and number of slots of each sample's tile, as indices of flattened chunks."""
+    """First slot and number of slots of each sample's tile, as indices of flattened chunks.
+
+    Slots and chunks are defined in `binning.lists`.
+    """
     slots_per_chunk = chunks.triangle.shape[1]
     tile = address(sample, tiling)[0]
     return chunks.first[tile] * slots_per_chunk, chunks.count[tile] * slots_per_chunk
@@ -229,7 +239,7 @@ def _depth_near(
 ) -> Float[Array, " lanes"]:
     """Depth of each triangle at a point, given as a sample and an offset from it in samples.
 
-    `area` is `twice_area` of all triangles.
+    `area` is `barycentric.twice_area` of all triangles.
     """
     column, row = sample
     at_sample, at_right, at_below = (

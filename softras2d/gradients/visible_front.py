@@ -1,4 +1,7 @@
-"""Find the visible triangle at a sample of an opaque scene, and colours at samples and on edges."""
+"""Find the visible triangle at a sample of an opaque scene, and colours at samples and on edges.
+
+Slots and chunks are defined in `binning.lists`, coverage words in `coverage.sampled`.
+"""
 
 import functools
 from typing import NamedTuple
@@ -17,7 +20,9 @@ from .crossings import Sample
 
 
 class Front(NamedTuple):
-    """Visible samples of an opaque scene, from `coverage.sampled.remove_hidden`.
+    """What is visible in an opaque scene, as coverage words of its slots and chunks.
+
+    The words come from `coverage.sampled.remove_hidden`.
 
     - `visible`: the samples at which the triangle of each slot is visible.
     - `covered_so_far`: the samples that the triangles of each chunk, or of a chunk before it in its
@@ -80,7 +85,7 @@ def _locate_chunks(
 ]:
     """Return the first chunk and number of chunks of each sample's tile, and its word and bit.
 
-    The word and the bit are as returned by `address`.
+    The last two are the sample's coverage word in the tile and its bit in the word (`address`).
     """
     tile, word_index, bit = address(sample, tiling)
     return gather(chunks.first, tile), gather(chunks.count, tile), word_index, bit
@@ -97,7 +102,9 @@ def _covering_chunk(
     rows: int,
     max_chunks: int,
 ) -> Int[Array, "*samples"]:
-    """Find the first chunk of each sample's tile that covers the sample, -1 for none.
+    """Find the first chunk of each sample's tile with a triangle that covers the sample.
+
+    The result is the index of the chunk, -1 where no chunk covers the sample.
 
     - `covered_words`: `Front.covered_so_far`, flattened, with `rows` words per chunk.
     - `first`, `count`, `word_index`, `bit`: as returned by `_locate_chunks`.
@@ -127,10 +134,13 @@ def _visible_slot(
     rows: int,
     slots_per_chunk: int,
 ) -> Int[Array, "*samples"]:
-    """Find the slot, in the given chunk, that is visible at each sample.
+    """Find the slot of the given chunk whose triangle is visible at each sample.
 
-    The result is -1 where no slot of the chunk is, or where `chunk` is -1. `visible_words` is
-    `Front.visible`, flattened, with `rows` words per slot and `slots_per_chunk` slots per chunk.
+    The result is -1 where no slot of the chunk is visible, and where `chunk` is -1.
+
+    - `visible_words`: `Front.visible`, flattened, with `rows` words per slot and `slots_per_chunk`
+      slots per chunk.
+    - `word_index`, `bit`: as returned by `address`.
     """
     visible_slot = jnp.full(chunk.shape, -1, jnp.int32)
     valid_chunk = jnp.maximum(chunk, 0)
@@ -143,14 +153,14 @@ def _visible_slot(
 
 
 def gather(values: Shaped[Array, " n"], index: Int[Array, "*samples"]) -> Shaped[Array, "*samples"]:
-    """Gather values by indices in 0..n-1. These are not checked: others give undefined results."""
+    """Gather values by indices in 0..n-1, which are not checked: others give undefined results."""
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def address(
     sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"], UInt32[Array, "*samples"]]:
-    """Return the tile of each sample, and its coverage word in the tile and bit in the word."""
+    """Return the tile of each sample, its coverage word in the tile, and its bit in the word."""
     rate = tiling.grid.rate
     # For unsigned integers, division by a constant is a shift, or a product and a shift.
     column, row = (axis.astype(jnp.uint32) for axis in sample)
@@ -174,7 +184,7 @@ def color_at(
     """Colour of a triangle at each sample, or the background where `triangle` is -1.
 
     The triangle need not cover the sample. `flat` says that each triangle of the surface has one
-    colour. Then alpha is straight; else colours are premultiplied.
+    colour. If so, alpha is straight; else the colours are premultiplied.
     """
     valid_triangle = jnp.maximum(triangle, 0)
     if flat:
@@ -207,16 +217,16 @@ def _points_in_tile(sample: Sample, tiling: Tiling) -> tuple[Int[Array, " lanes"
 def _flat_color(
     color: Float[Array, "1 channels triangles"], triangle: Int[Array, "*samples"]
 ) -> Float[Array, "channels *samples"]:
-    """Gather the one colour of each triangle."""
+    """Gather the one colour of each triangle, for any number of samples."""
     return color[0][:, triangle]
 
 
 def edge_weights(
     edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Weights of the three corners at the fraction `t` (0..1) along each run's edge.
+    """Barycentric weights of the three corners at the fraction `t` (0..1) along each run's edge.
 
-    Edges are numbered 3 triangle + side.
+    Edges are numbered 3 triangle + side. Side k runs from corner k to the next.
     """
     side = (edge % 3)[None]
     start, end, zero = 1.0 - t, t, jnp.zeros_like(t)
@@ -240,8 +250,8 @@ def color_on_edge(
     """Colour of each edge's triangle on the edge, at the fraction `t` (0..1) along it.
 
     Edges are numbered 3 triangle + side. `flat` says that each triangle of the surface has one
-    colour. Then alpha is straight; else colours are premultiplied. The colour is not taken at a
-    sample, where the colour of a triangle thinner than the sample spacing would be extrapolated.
+    colour. If so, alpha is straight; else the colours are premultiplied. The colour is not taken at
+    a sample, where the colour of a triangle thinner than the sample spacing would be extrapolated.
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:
