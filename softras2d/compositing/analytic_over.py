@@ -1,13 +1,15 @@
 """Composite triangles with analytic coverage: "over", nearest first, with coverage times alpha.
 
-Layers are numbered from the front. With opacity a_i, colour c_i and transmittance T_i = prod_{j<i}
-(1 - a_j) in front, the colour of a pixel is sum_i T_i a_i c_i. Its derivative by a_i is
-T_i (c_i - b_i), where b_i is the composite of all layers behind i. This needs no division by
-1 - a_i, which may be zero. The vjp first takes the dot product of each colour and the cotangent g
-of the pixel. Then b_i . g is one number, composited like a colour from the numbers c_i . g.
+The layers of a pixel are the slots of its tile: the triangles of the tile's list
+(`binning.lists.Chunks`). They are numbered from the front. With opacity a_i, colour c_i and
+transmittance T_i = prod_{j<i} (1 - a_j) in front, the colour of a pixel is sum_i T_i a_i c_i. Its
+derivative by a_i is T_i (c_i - b_i), where b_i is the composite of all layers behind i. This needs
+no division by 1 - a_i, which may be zero. The vjp first takes the dot product of each colour and
+the cotangent g of the pixel. Then b_i . g is one number, composited like a colour from the numbers
+c_i . g.
 
-A tile's list is cut into chunks of a few slots. Each chunk is composited separately, and then the
-chunks of the tile are composited like layers.
+A tile's list is cut into chunks of a few slots. Each chunk is composited separately. Then the
+chunks of the tile are composited like layers, in `chunks_as_layers`.
 
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4, for "over".
 """
@@ -37,8 +39,8 @@ Colors = Float[Array, "chunks slots 3 #pixels"]
 Channel = Float[Array, "chunks slots #pixels"]
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
-"""What the linear maps keep fixed: the opacity and colours of the slots, the chunks, and the
-premultiplied colour and the alpha of each chunk, composited separately."""
+"""Inputs of the derivatives that are not differentiated themselves: the opacity and colours of the
+slots, the chunks, and the premultiplied colour and the alpha of each chunk by itself."""
 
 
 def composite(
@@ -48,10 +50,14 @@ def composite(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute the premultiplied RGBA of each pixel, without background.
+    """Composite the slots of each tile with "over", nearest first, at each pixel of the tile.
+
+    Returns the premultiplied RGBA of each pixel, without background. Differentiable with respect to
+    `opacity` and `colors`.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
     - `colors`: straight RGB; a single pixel if each slot has one colour.
+    - `chunks`: the slots, nearest first in each tile.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     return _composite(max_chunks, opacity, colors, chunks)
@@ -59,11 +65,13 @@ def composite(
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _composite(max_chunks: int, opacity: Opacities, colors: Colors, chunks: Chunks) -> TileColors:
+    """Compute `composite`, whose derivatives are given by `_composite_jvp`."""
     return join_chunks(_blend_chunks(opacity, colors), alpha_of_chunks(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, primals, tangents):
+    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states."""
     opacity, colors, chunks = primals
     sums, alpha = _blend_chunks(opacity, colors), alpha_of_chunks(opacity)
     out = join_chunks(sums, alpha, chunks, max_chunks)
@@ -100,7 +108,10 @@ def _composite_jvp(max_chunks, primals, tangents):
 
 @materialized
 def _blend_chunks(opacity: Opacities, colors: Colors) -> list[ChunkPixels]:
-    """Composite each chunk separately; return its premultiplied colour, one array per channel."""
+    """Composite each chunk separately; return its premultiplied colour, one array per channel.
+
+    `colors` are straight RGB of the slots.
+    """
     return blend_channels(opacity, [colors[:, :, channel] for channel in range(3)])
 
 
@@ -114,7 +125,7 @@ def _blend_change(
 
 
 def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPixels]:
-    """Composite each chunk separately; return its premultiplied channels.
+    """Composite each chunk separately with "over"; return its premultiplied channels.
 
     `channels` has one array for each channel of the straight colours of the slots.
     """
@@ -132,7 +143,10 @@ def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPix
 def blend_channels_change(
     opacity: Opacities, opacity_change: Opacities, channels: list[Channel]
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `blend_channels` with respect to the opacities."""
+    """Compute the jvp of `blend_channels` with respect to the opacities of the slots.
+
+    `opacity_change` is the tangent of `opacity`.
+    """
     transmittance = jnp.ones_like(opacity[:, 0])
     transmittance_change = jnp.zeros_like(opacity[:, 0])
     sums = [transmittance_change] * len(channels)
@@ -149,7 +163,7 @@ def blend_channels_change(
 
 @materialized
 def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
-    """Compute the alpha of each chunk, 1 minus the product of 1 - opacity over its slots."""
+    """Compute the alpha of each chunk: 1 minus the product of 1 - opacity over its slots."""
     transmittance = 1.0 - opacity[:, 0]
     for k in range(1, opacity.shape[1]):
         transmittance = transmittance * (1.0 - opacity[:, k])
@@ -158,7 +172,7 @@ def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
 
 @materialized
 def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
-    """Compute the jvp of `alpha_of_chunks`."""
+    """Compute the jvp of `alpha_of_chunks`; `opacity_change` is the tangent of `opacity`."""
     transmittance, change = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         clear = 1.0 - opacity[:, k]
@@ -174,10 +188,13 @@ def opacity_cotangent(
     alpha: ChunkPixels,
     chunks: Chunks,
 ) -> Opacities:
-    """Compute the vjp with respect to the opacities: T_i (c_i - b_i) . g of each slot.
+    """Compute the cotangent of each slot's opacity, from the cotangent g of the pixels' RGBA.
 
-    `color_dots` are the numbers c_i . g, where c_i has alpha 1, and `alpha` is the alpha of each
-    chunk.
+    It is T_i (c_i - b_i) . g, with the transmittance T_i in front of the slot, its RGBA c_i with
+    alpha 1, and the composite b_i of all slots behind it.
+
+    - `color_dots`: the numbers c_i . g.
+    - `alpha`: alpha of each chunk, as from `alpha_of_chunks`.
     """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     behind = dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
@@ -186,7 +203,10 @@ def opacity_cotangent(
 
 @materialized
 def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -> Opacities:
-    """Compute c_i . g of each slot at each pixel, where c_i is RGBA with alpha 1."""
+    """Compute the dot product of each slot's colour and the pixel's cotangent, at each pixel.
+
+    The colour is RGBA with alpha 1. `cotangent` is the cotangent of the RGBA of the pixels.
+    """
     total = cotangent[3][chunks.tile][:, None]
     for channel in range(3):
         total = total + colors[:, :, channel] * cotangent[channel][chunks.tile][:, None]
@@ -195,7 +215,10 @@ def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -
 
 @materialized
 def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
-    """Composite the numbers c_i . g within each chunk."""
+    """Composite the slots of each chunk like a channel whose colours are the numbers `color_dots`.
+
+    `color_dots` are as returned by `_dot_with_cotangent`.
+    """
     transmittance, total = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         total = total + transmittance * opacity[:, k] * color_dots[:, k]
@@ -211,10 +234,13 @@ def _slot_cotangents(
     behind: ChunkPixels,
     chunks: Chunks,
 ) -> Opacities:
-    """Compute T_i (c_i . g - b_i . g) of each slot; 0 in unused chunks.
+    """Compute the cotangent of each slot's opacity; 0 in unused chunks.
 
-    `in_front` is the transmittance in front of each chunk. `behind` is as returned by
-    `dot_behind`.
+    It is T_i (c_i . g - b_i . g) in the symbols at the top of this file.
+
+    - `color_dots`: c_i . g of each slot.
+    - `in_front`: transmittance in front of each chunk.
+    - `behind`: b . g for the composite b of all chunks behind each chunk, from `dot_behind`.
     """
     slots_per_chunk = opacity.shape[1]
     front, back = [in_front], [behind]
@@ -241,9 +267,10 @@ def _color_cotangent(
     chunks: Chunks,
     cotangent: TileColors,
 ) -> Colors:
-    """Compute the vjp with respect to the colours, T_i a_i g.
+    """Compute the cotangent of each slot's colour, T_i a_i g, from the cotangent g of the pixels.
 
-    It is summed over the pixels of a slot that has one colour.
+    T_i is the transmittance in front of the slot, and a_i its opacity. For slots with one colour
+    the result is summed over the pixels.
     """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     weights = slot_weights(opacity, in_front)
@@ -252,7 +279,10 @@ def _color_cotangent(
 
 @materialized
 def slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
-    """Compute T_i a_i of each slot; `transmittance` is the transmittance in front of its chunk."""
+    """Compute the weight of each slot in each pixel: transmittance in front times opacity.
+
+    `transmittance` is the transmittance in front of the slot's chunk.
+    """
     weights = []
     for k in range(opacity.shape[1]):
         weights.append(transmittance * opacity[:, k])
@@ -264,9 +294,10 @@ def slot_weights(opacity: Opacities, transmittance: ChunkPixels) -> Opacities:
 def _weighted_cotangent(
     weights: Opacities, cotangent: TileColors, chunks: Chunks, shape: tuple[int, ...]
 ) -> Colors:
-    """Multiply weights and cotangent; return them in `shape`, which is the shape of the colours.
+    """Multiply the cotangent of each pixel's RGB by the weight of each slot (`slot_weights`).
 
-    If colours have a single pixel, the products are summed over the pixels of each slot.
+    Returns the products in `shape`, which is the shape of the slots' colours. If colours have a
+    single pixel, the products are summed over the pixels of each slot.
     """
     products = [weights * cotangent[channel][chunks.tile][:, None] for channel in range(3)]
     if shape[3] != 1:

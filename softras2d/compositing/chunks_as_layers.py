@@ -1,9 +1,9 @@
-"""Composite the chunks of each tile like layers, and the derivatives of doing so.
+"""Composite the chunks of each tile like layers, and compute the derivatives of this step.
 
-A chunk is a few successive slots of a tile's list (see `binning.lists.Chunks`). Composited by
-itself, it has a premultiplied colour and an alpha in each pixel, like a single layer.
-`analytic_over` computes these two. The functions here combine them over the chunks of a tile, for
-all tiles at once.
+A chunk is a few successive slots of a tile's list (`binning.lists.Chunks`). Composited by itself,
+it has a premultiplied colour and an alpha at each pixel of the tile, like a single layer.
+`analytic_over` computes both. The functions here combine them over the chunks of a tile, nearest
+first, for all tiles at once.
 """
 
 import functools
@@ -35,10 +35,11 @@ _UNROLLED = 16
 def join_chunks(
     sums: list[ChunkPixels], alpha: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> TileColors:
-    """Composite the chunks of each tile like layers; return premultiplied RGBA.
+    """Composite the chunks of each tile with "over", like layers; return premultiplied RGBA.
 
-    `sums` are the premultiplied colours of the chunks, as from `blend_channels`, and `alpha` is as
-    from `alpha_of_chunks`. `max_chunks` is an upper bound on the number of chunks of a tile.
+    - `sums`: premultiplied colour of each chunk, one array for each of red, green and blue.
+    - `alpha`: alpha of each chunk.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
 
     def add(
@@ -66,7 +67,8 @@ def join_changes(
 ) -> TileColors:
     """Compute the jvp of `join_chunks` with respect to the colours and the alpha of the chunks.
 
-    `changes` are the tangents of `sums`, and `alpha_change` is the tangent of `alpha`.
+    `changes` are the tangents of `sums`, and `alpha_change` is the tangent of `alpha`. The other
+    arguments are as in `join_chunks`.
     """
 
     def add(
@@ -94,7 +96,11 @@ def join_changes(
 
 @functools.partial(materialized, static_argnames=("max_chunks",))
 def transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) -> ChunkPixels:
-    """Transmittance in front of each chunk, from the chunks before it in its tile."""
+    """Transmittance in front of each chunk, from the chunks before it in its tile.
+
+    `alpha` is the alpha of each chunk, and `max_chunks` an upper bound on the number of chunks of a
+    tile.
+    """
 
     def add(j: Index, transmittance: ChunkPixels) -> ChunkPixels:
         clear = jnp.where((chunks.index >= j)[:, None], 1.0 - _shift(alpha, j), 1.0)
@@ -107,9 +113,12 @@ def transmittance_in_front(alpha: ChunkPixels, chunks: Chunks, max_chunks: int) 
 def dot_behind(
     alpha: ChunkPixels, blended: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> ChunkPixels:
-    """Compute b . g, where b is the composite of all chunks behind each chunk in its tile.
+    """Composite all chunks behind each chunk of a tile, in one channel that the caller chooses.
 
-    `blended` is as returned by `_blend_dots`.
+    - `alpha`: alpha of each chunk.
+    - `blended`: premultiplied value of each chunk in this channel. For the vjp it is the dot
+      product of the chunk's RGBA and the cotangent, so the result is that of the composite behind.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     last = chunks.count[chunks.tile] - 1
 
@@ -135,9 +144,10 @@ def _chunk_of_tile(k: Index, entries: list[ChunkPixels], chunks: Chunks) -> list
 def _for_each_chunk(
     max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
 ) -> State:
-    """Fold `add(k, state)` over the numbers k of the chunks of a tile, for all tiles at once.
+    """Compute `state = add(k, state)` for the numbers k = 0, 1, ... of the chunks of a tile.
 
-    k also takes values that some or all tiles do not have.
+    All tiles are processed at once, so k also takes values that some or all tiles do not have.
+    Returns the last state.
     """
     if max_chunks <= _UNROLLED:
         for k in range(max_chunks):
@@ -149,9 +159,10 @@ def _for_each_chunk(
 def _for_each_distance(
     max_chunks: int, chunks: Chunks, add: Callable[[Index, State], State], state: State
 ) -> State:
-    """Fold `add(j, state)` over the distances j of two chunks of a tile, for all tiles at once.
+    """Compute `state = add(j, state)` for the distances j = 1, 2, ... of two chunks of a tile.
 
-    j starts at 1, and also takes values that do not occur in some or all tiles.
+    All tiles are processed at once, so j also takes values that do not occur in some or all tiles.
+    Returns the last state.
     """
     if max_chunks <= _UNROLLED:
         for j in range(1, max_chunks):

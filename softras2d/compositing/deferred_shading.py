@@ -1,8 +1,9 @@
 """Shade opaque triangles where they are visible, sample by sample or once per fragment.
 
-This is for colours that are not affine on the screen, such as textures, whose sum over the samples
-of a pixel does not follow from sums of sample positions (`opaque`). Shading comes after visibility,
-so hidden triangles cost nothing, however many there are.
+A fragment is a pair of a triangle and a pixel that shows it (`shading.fragments`). This file is for
+colours that are not affine on the screen, such as textures, whose sum over the samples of a pixel
+does not follow from sums of sample positions (`opaque`). Shading comes after visibility, so hidden
+triangles cost nothing, however many there are.
 """
 
 import functools
@@ -31,14 +32,14 @@ def sum_shaded(
     *,
     shading: str,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Sum the visible colours over each pixel's samples.
+    """Shade opaque triangles, and sum the visible colours over each pixel's samples.
 
     The result is in the layout of unpacked arrays (`opaque.Packing`).
 
     - `fragments`: the visible fragments. Each is a pair of a triangle and a pixel that shows it.
     - `covered`: coverage words of the samples that each slot covers, visible or not. They are used
-      only if `shading` is `"pixel"`: a triangle is then shaded at the centroid of those samples of
-      the pixel that it covers.
+      only if `shading` is `"pixel"`: a triangle is then shaded at the pixel's centre or at the
+      centroid of those samples of the pixel that it covers (`fragments.shading_points`).
     - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
       fragment for all of its samples.
     """
@@ -60,11 +61,11 @@ def sum_shaded(
 def _shade_samples(
     surface: Surface, lanes: Lanes, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """Sum the colours of each fragment's visible samples.
+    """Shade each fragment at its visible samples, and sum the colours of these samples.
 
-    The loop is over the sample positions of a pixel, and over the texture lookups of a sample. Each
-    position is shaded for all fragments, and added where the sample is visible. So each triangle
-    that is visible in a pixel costs as many shadings as the pixel has samples.
+    A fragment is a triangle in a pixel. The loop is over the sample positions of a pixel, and over
+    the texture lookups of a sample. Each position is shaded for all fragments, and added where the
+    sample is visible. So each fragment costs as many shadings as a pixel has samples.
     """
     rate, probes = tiling.grid.rate, surface.probes
 
@@ -95,10 +96,11 @@ def _is_visible(
     sub_row: Int[Array, ""],
     sub_column: Int[Array, ""],
 ) -> Bool[Array, " fragments"]:
-    """Decide whether each fragment is visible at one sample of its pixel.
+    """Decide whether each fragment's triangle is visible at one sample of its pixel.
 
     - `bits`: as in `Fragments`.
-    - `sub_row`, `sub_column`: the sample, 0..S-1 on each axis, the same for all fragments.
+    - `sub_row`, `sub_column`: row and column of the sample in the pixel, from 0, the same for all
+      fragments.
     """
     return (bits[sub_row] >> sub_column.astype(jnp.uint32)) & jnp.uint32(1) == 1
 
@@ -106,7 +108,7 @@ def _is_visible(
 def _shade_pixels(
     surface: Surface, lanes: Lanes, points: Points, fragments: Fragments, tiling: Tiling
 ) -> Float[Array, "channels fragments"]:
-    """Shade each fragment once, and multiply by the number of its visible samples."""
+    """Shade each fragment once, at `points`, and multiply by the number of its visible samples."""
     return _times_samples(shade(surface, lanes, points, tiling), fragments.bits)
 
 
@@ -114,9 +116,9 @@ def _shade_pixels(
 def _times_samples(
     color: Float[Array, "channels fragments"], bits: UInt32[Array, "sub_rows fragments"]
 ) -> Float[Array, "channels fragments"]:
-    """Multiply each colour by the number of visible samples; 0 for 0 samples, even if it is NaN.
+    """Multiply the colour of each fragment by the number of its visible samples.
 
-    `bits` are as in `Fragments`.
+    The result is 0 for 0 samples, even if the colour is NaN. `bits` are as in `Fragments`.
     """
     number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
     return jnp.where((number > 0)[None], color * number[None], 0.0)
@@ -130,7 +132,8 @@ def _add_to_pixels(
 ) -> Float[Array, "tiles channels fields word_rows"]:
     """Sum the colours of the fragments of each pixel, in the layout of `Packing`, unpacked.
 
-    `total` is the sum over the visible samples of each fragment. `tile` is the tile of each slot.
+    `total` has the colour of each fragment, summed over its visible samples. `tile` is the tile of
+    each slot.
     """
     packing = Packing.of(tiling.grid.rate)
     shape = (tiling.count, packing.fields, packing.words * tiling.height)

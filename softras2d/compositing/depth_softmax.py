@@ -34,7 +34,10 @@ def mix(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Compute the premultiplied RGBA of each pixel, without background.
+    """Mix the triangles of each pixel by depth, and return premultiplied RGBA without background.
+
+    The straight colour is the mean of the triangles' colours, weighted with opacity times
+    exp(-depth / temperature). Alpha is 1 minus the product of 1 - opacity.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
     - `colors`: straight RGB.
@@ -65,13 +68,17 @@ def _sum_weighted(
 ) -> list[Float[Array, "chunks pixels"]]:
     """Sum weight times colour for each channel, and the weight, over the slots of each chunk.
 
-    Returns four arrays: red, green, blue and weight.
+    Returns four arrays: red, green, blue and weight. The weight of a slot is opacity times
+    exp((`nearest` - depth) / temperature).
 
-    Depth is taken relative to `nearest`, the least depth of the visible triangles of the tile in
-    each pixel: the common factor cancels, and no weight is infinite. Colours are taken relative to
-    `reference`, the colour of the nearest triangle, which `_divide_by_weight` adds again. So where
-    the nearest triangle has all the weight, all sums of colours are exactly 0. A rounding error in
-    them would enter the gradient with respect to depth, which may multiply it by a large number.
+    - `nearest`: the least depth of the triangles of the tile that have an opacity above 0, in each
+      pixel. Because depth is taken relative to it, no weight is infinite. The common factor
+      cancels.
+    - `reference`: the colour of the nearest triangle, one array per channel. Colours are taken
+      relative to it, and `_divide_by_weight` adds it again. So where the nearest triangle has all
+      the weight, all sums of colours are exactly 0. A rounding error in them would enter the
+      gradient with respect to depth, which may multiply it by a large number.
+    - `tile`: the tile of each chunk.
     """
     gap = nearest[tile][:, None] - depth
     # Clipping the gap instead would halve the gradient of the nearest triangle, whose gap is 0. The
@@ -96,7 +103,8 @@ def _divide_by_weight(
 ) -> Float[Array, "4 tiles pixels"]:
     """Compute premultiplied RGBA from the sums of `_sum_weighted` over all chunks of each tile.
 
-    `alpha` is the joint opacity of the triangles, and `reference` is as in `_sum_weighted`.
+    `alpha` is the joint opacity of the triangles of a pixel, and `reference` is as in
+    `_sum_weighted`.
     """
     # The derivative of a quotient divides by the square of the weight, which may underflow. So the
     # numerator and the divisor are first scaled by a constant that makes the divisor nearly 1.
@@ -118,7 +126,7 @@ def _nearest(
     """Find the depth and colour of the nearest triangle at each pixel; 0 where there is none.
 
     Triangles with an opacity of 0 are ignored. If several are at the same least depth, each colour
-    channel is taken from one of them, not always the same.
+    channel is taken from one of them, not always the same one for all channels.
     """
     nearest, *reference = _nearest_of_tile(*_nearest_of_chunk(opacity, depth, colors), chunks)
     return nearest, reference

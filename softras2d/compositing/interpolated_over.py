@@ -3,7 +3,7 @@
 The colours at all pixels of all slots take far more memory than the colours of the corners, and
 writing and reading them takes longer than interpolating them. So they are never stored: the
 composite and its derivatives interpolate them again where they are needed, for one block of slots
-at a time.
+at a time (`interpolated_slots`).
 
 Corner j of a slot's triangle has the colour c_j, and the weight w_j in a pixel. A slot of opacity
 a, with transmittance T in front of it, adds T a times its colour to the pixel. Let g be the
@@ -46,8 +46,9 @@ from .interpolated_slots import (
 )
 
 Fixed = tuple[Any, ...]
-"""What the linear maps keep fixed: the opacity, corner colours and geometry of the slots, the
-chunks, and the premultiplied colour and the alpha of each chunk, composited separately."""
+"""Inputs of the derivatives that are not differentiated themselves: the opacity, corner colours and
+geometry of the slots, the chunks, and the premultiplied colour and the alpha of each chunk,
+composited separately."""
 
 _CHUNKS = 512
 """Number of chunks in a block. With two slots per chunk and 64 pixels per tile, a float32 array for
@@ -57,10 +58,11 @@ the pixels of a block takes a quarter of 1 MiB."""
 def composite(
     opacity: over.Opacities, colors: CornerColors, chunks: Chunks, *, max_chunks: int
 ) -> TileColors:
-    """Compute the premultiplied RGBA of each pixel, without background.
+    """Composite slots whose colours are interpolated between corners; nearest first, with "over".
 
-    Other arguments than `colors` are as in `analytic_over.composite`. Differentiable with respect
-    to the opacity, the positions and the corner colours.
+    Returns the premultiplied RGBA of each pixel, without background. Differentiable with respect to
+    `opacity`, and to the positions and colours in `colors`. Arguments other than `colors` are as in
+    `analytic_over.composite`.
     """
     return _composite(
         max_chunks,
@@ -88,6 +90,7 @@ def _composite(
     - `weights`: evaluates the weights of corners 1 and 2 at pixels, from the `geometry`.
     - `positions`: x and y of corners 0, 1 and 2 in turn, in pixels. Only the derivative needs them.
     - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
+    - `geometry`: the geometry of each slot that `weights` takes.
     """
     sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
     return join_chunks(sums, over.alpha_of_chunks(opacity), chunks, max_chunks)
@@ -95,6 +98,7 @@ def _composite(
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, weights, primals, tangents):
+    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states."""
     opacity, _, corners, geometry, chunks = primals
     opacity_change, velocity, corner_change, _, _ = tangents
     sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
@@ -150,7 +154,10 @@ def _blend_chunks(
     geometry: Any,
     chunks: Chunks,
 ) -> list[ChunkPixels]:
-    """Composite each chunk separately; return its premultiplied colour, one array per channel."""
+    """Composite each chunk separately; return its premultiplied colour, one array per channel.
+
+    The arguments are as in `_composite`.
+    """
 
     def blend_block(block: Any) -> list[ChunkPixels]:
         opacity, slots = block
@@ -169,7 +176,10 @@ def _blend_change(
     geometry: Any,
     chunks: Chunks,
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `_blend_chunks` with respect to the opacities."""
+    """Compute the jvp of `_blend_chunks` with respect to the opacities of the slots.
+
+    `opacity_change` is the tangent of `opacity`.
+    """
 
     def blend_block(block: Any) -> list[ChunkPixels]:
         opacity, opacity_change, slots = block
@@ -193,7 +203,7 @@ def _blend_color_change(
     """Compute the jvp of `_blend_chunks` with respect to the positions and colours of the corners.
 
     `velocity` is the tangent of the positions and `corner_change` the tangent of the colours; None
-    stands for 0. At least one is not None.
+    stands for 0. At least one of them is not None.
     """
 
     def blend_block(block: Any) -> list[ChunkPixels]:
@@ -226,7 +236,11 @@ def _dot_with_cotangent(
     chunks: Chunks,
     cotangent: TileColors,
 ) -> over.Opacities:
-    """Compute c . g of each slot at each pixel, where c is the slot's RGBA there, with alpha 1."""
+    """Compute the dot product of each slot's colour and the pixel's cotangent, at each pixel.
+
+    The colour is the interpolated RGB with alpha 1. `cotangent` is the cotangent of the RGBA of the
+    pixels.
+    """
 
     def dot_block(block: Any) -> over.Opacities:
         tile, slots = block
@@ -248,10 +262,13 @@ def _slot_cotangents(
     moves: bool,
     recolors: bool,
 ) -> Float[Array, "rows slots"]:
-    """Compute the vjp with respect to the positions and the colours of the corners.
+    """Compute the cotangents of the positions and of the colours of the corners of each slot.
 
     The rows are six for the positions if `moves`, then nine for the colours if `recolors`.
-    `slot_weights` is T a of each slot at each pixel, 0 where it adds nothing.
+
+    - `slot_weights`: factor of the slot's colour in each pixel (`analytic_over.slot_weights`), 0
+      where the slot adds nothing.
+    - `cotangent`: cotangent of the RGBA of the pixels.
     """
     slots_per_chunk = slot_weights.shape[1]
     slot_weights = slot_weights.reshape(-1, slot_weights.shape[2])
@@ -277,12 +294,12 @@ def _slot_cotangents(
 
 
 def _by_chunk(slots: Any, chunks: Chunks) -> Any:
-    """Reshape arrays `[slots]` to `[chunks, slots]`."""
+    """Reshape arrays with one entry per slot, `[chunks * slots]`, to `[chunks, slots]`."""
     return jax.tree.map(lambda entry: entry.reshape(chunks.triangle.shape), slots)
 
 
 def _flatten(slots: Any) -> Any:
-    """Reshape arrays `[chunks, slots]` to `[slots]`."""
+    """Reshape arrays `[chunks, slots]` to one axis, `[chunks * slots]`."""
     return jax.tree.map(lambda entry: entry.reshape(-1), slots)
 
 
@@ -290,7 +307,10 @@ def _flatten(slots: Any) -> Any:
 def _gather_tiles(
     cotangent: TileColors, tile: Int[Array, " entries"]
 ) -> list[Float[Array, "entries pixels"]]:
-    """Gather the cotangent of the tile of each entry, one array per channel."""
+    """Gather the cotangent of the tile of each entry, one array per channel of RGBA.
+
+    `tile` has the index of the tile of each entry.
+    """
     return [channel[tile] for channel in cotangent]
 
 
@@ -301,7 +321,12 @@ def _gather_block(
     block: Int[Array, " block"],
     slots_per_chunk: int,
 ) -> tuple[Int[Array, " block"], Float[Array, "block pixels"]]:
-    """Gather the tile and T a of each slot of a block."""
+    """Gather, for each slot of a block, the index of its tile and its weights at the pixels.
+
+    - `tile`: the tile of each chunk.
+    - `slot_weights`: factor of each slot's colour in each pixel.
+    - `block`: indices of the slots.
+    """
     return tile.at[block // slots_per_chunk].get(mode="clip"), slot_weights.at[block].get(
         mode="clip"
     )
@@ -311,5 +336,8 @@ def _gather_block(
 def _put_rows(
     total: Float[Array, "rows slots"], parts: list[Float[Array, " block"]], block: Array
 ) -> Float[Array, "rows slots"]:
-    """Write the sums of a block of slots, one array per row, into the sums of all slots."""
+    """Write the cotangents of a block of slots into those of all slots.
+
+    `parts` has one array for each row of `total`, and `block` the indices of the slots.
+    """
     return total.at[:, block].set(jnp.stack(parts), mode="drop")

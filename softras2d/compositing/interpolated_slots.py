@@ -1,7 +1,8 @@
 """Interpolate the colours of slots at the pixels of their tiles, and use them at once.
 
-These are the kernels of `interpolated_over`. Each one is called for one block of slots or chunks at
-a time, so that the interpolated colours of all pixels are never stored.
+A slot is a triangle in a tile. Its colours at the pixels are interpolated between its three
+corners. `interpolated_over` calls these functions for one block of slots or chunks at a time, so
+that the colours of all slots are never stored.
 """
 
 import functools
@@ -18,12 +19,15 @@ from .analytic_over import Opacities, blend_channels, blend_channels_change
 from .chunks_as_layers import ChunkPixels
 
 SlotWeights = tuple[Float[Array, "slots pixels"], Float[Array, "slots pixels"]]
-"""Weights of corners 1 and 2 in the pixels of slots."""
+"""Barycentric weights of corners 1 and 2 at the pixels of the tile of each slot."""
 
 
 @functools.partial(materialized, static_argnames=("weights",))
 def evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
-    """Evaluate the weights of corners 1 and 2 at all pixels of each slot's tile."""
+    """Compute the weights of corners 1 and 2 at all pixels of each slot's tile.
+
+    `weights` is the function for them, and `geometry` the geometry of each slot that it takes.
+    """
     dtype = jax.tree.leaves(geometry)[0].dtype
     second, third = weights.value(*spread(geometry, jnp.zeros((), dtype), weights.tile_side))
     return second, third
@@ -34,7 +38,8 @@ def _interpolate(
 ) -> list[Float[Array, "slots pixels"]]:
     """Interpolate the colours of the corners at all pixels; return one array per channel.
 
-    `corners` are red, green and blue of corners 0, 1 and 2 in turn.
+    `values` are the weights of corners 1 and 2. `corners` are red, green and blue of corners 0, 1
+    and 2 in turn.
     """
     second, third = values
     first = [entry[:, None] for entry in corners[:3]]
@@ -52,7 +57,11 @@ def _interpolate(
 def blend_interpolated(
     opacity: Opacities, values: SlotWeights, corners: list[Float[Array, " slots"]]
 ) -> list[ChunkPixels]:
-    """Composite each chunk of a block separately, with colours interpolated from the corners."""
+    """Composite each chunk of a block separately, with colours interpolated from the corners.
+
+    Returns the premultiplied colour of each chunk, one array per channel. `values` are the weights
+    of corners 1 and 2. `corners` are red, green and blue of corners 0, 1 and 2 in turn.
+    """
     colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
     return blend_channels(opacity, colors)
 
@@ -64,7 +73,10 @@ def blend_interpolated_change(
     values: SlotWeights,
     corners: list[Float[Array, " slots"]],
 ) -> list[ChunkPixels]:
-    """Compute the jvp of `blend_interpolated` with respect to the opacities."""
+    """Compute the jvp of `blend_interpolated` with respect to the opacities of the slots.
+
+    `opacity_change` is the tangent of `opacity`.
+    """
     colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
     return blend_channels_change(opacity, opacity_change, colors)
 
@@ -75,9 +87,11 @@ def dot_interpolated(
     values: SlotWeights,
     corners: list[Float[Array, " slots"]],
 ) -> Opacities:
-    """Compute the dot product of each slot's RGBA, with alpha 1, and the cotangent.
+    """Compute the dot product of each slot's interpolated RGBA, with alpha 1, and the cotangent.
 
-    `tile_cotangents` is the cotangent of the tile of each chunk, one array per channel.
+    - `tile_cotangents`: cotangent of the pixels of the tile of each chunk, one array for each
+      channel of RGBA.
+    - `values`, `corners`: as in `blend_interpolated`.
     """
     *by_channel, by_alpha = tile_cotangents
     slots_per_chunk = values[0].shape[0] // by_alpha.shape[0]
@@ -92,7 +106,11 @@ def dot_interpolated(
 def weigh_cotangent(
     tile_cotangents: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Multiply the cotangents of red, green and blue by T a of each slot."""
+    """Multiply the cotangents of red, green and blue by the weight of each slot in each pixel.
+
+    `slot_weights` is the factor of the slot's colour in the pixel: transmittance in front times
+    opacity.
+    """
     return [channel * slot_weights for channel in tile_cotangents[:3]]
 
 
@@ -100,9 +118,10 @@ def weigh_cotangent(
 def weights_cotangent(
     weighted_cotangents: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
 ) -> Float[Array, "2 slots pixels"]:
-    """Compute the cotangents of the weights of corners 1 and 2.
+    """Compute the cotangents of the barycentric weights of corners 1 and 2 at each pixel.
 
-    `weighted_cotangents` is T a g, as returned by `weigh_cotangent`.
+    - `weighted_cotangents`: as returned by `weigh_cotangent`.
+    - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
     """
     return jnp.stack(
         [
@@ -120,9 +139,12 @@ def weights_cotangent(
 def corner_sums(
     weighted_cotangents: list[Float[Array, "slots pixels"]], values: SlotWeights
 ) -> list[Float[Array, " slots"]]:
-    """Compute the cotangent of the corner colours: the sum of T a w_j g over the pixels of a slot.
+    """Compute the cotangents of the corners' colours, summed over the pixels of each slot.
 
-    `weighted_cotangents` is T a g. Returns red, green and blue of corners 0, 1 and 2 in turn.
+    Returns red, green and blue of corners 0, 1 and 2 in turn.
+
+    - `weighted_cotangents`: as returned by `weigh_cotangent`.
+    - `values`: the weights of corners 1 and 2.
     """
     second, third = values
     sums = sum_pixels(
