@@ -3,11 +3,12 @@
 For each slot, a triangle in a tile, the visible samples of each pixel are counted first. Within a
 coverage word, the samples of a pixel are neighbouring bits. Adding neighbouring fields of a word in
 place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts the set bits for all pixels of
-the word at once, and also sums their column indices. Then the sub-rows of each pixel are added.
-Fields that would overflow are first spread over two words, one for even and one for odd pixels.
+the word at once, and also sums their column indices. Then the counts of the rows of samples in each
+pixel, its sub-rows, are added. Fields that would overflow are first spread over two words, one for
+even and one for odd pixels.
 
 Colours times these counts are then summed over the slots of each chunk, and over the chunks of each
-tile.
+tile (`binning.lists.Chunks`).
 """
 
 import functools
@@ -53,11 +54,11 @@ class Packing(NamedTuple):
 
 
 class SampleSums(NamedTuple):
-    """Sums over the visible samples of each pixel, packed as `Packing` says.
+    """Sums over the visible samples of each pixel, for each slot, packed as `Packing` says.
 
     - `count`: the number of samples.
-    - `across`, `down`: the sums of their columns and of their rows within the pixel, which are
-      0..rate-1. None if `sample_sums` was called without `moments`.
+    - `across`, `down`: the sums of the samples' columns and of their rows within the pixel, each
+      column and row in 0..rate-1. None if `sample_sums` was called without `moments`.
     """
 
     count: UInt32[Array, "*slots word_rows"]
@@ -71,7 +72,7 @@ def sample_sums(
 ) -> SampleSums:
     """Count the visible samples of each pixel; with `moments`, also sum their columns and rows.
 
-    `visible` are coverage words.
+    `visible` are coverage words: a set bit is a visible sample.
     """
     count, across = _add_bits(visible, tiling.grid.rate, moments)
     if not moments:
@@ -86,7 +87,8 @@ def _add_bits(
 ) -> tuple[UInt32[Array, "*slots rows"], UInt32[Array, "*slots rows"]]:
     """Count the set bits in each field of `rate` bits, and sum their positions in the field.
 
-    Returns both in fields of the same width. The second has no meaning without `moments`.
+    A field holds one row of samples of one pixel. Returns the counts and the sums, in fields of
+    `rate` bits too. The sums have no meaning without `moments`.
     """
     if rate == 3:
         bits = [(words >> jnp.uint32(b)) & _mask(1, 3) for b in range(3)]
@@ -107,10 +109,10 @@ def _add_bits(
 def _add_rows(
     fields: UInt32[Array, "*slots rows"], tiling: Tiling, weighted: bool = False
 ) -> UInt32[Array, "*slots word_rows"]:
-    """Sum the fields of all sub-rows of each pixel row, as `Packing` says.
+    """Sum the fields of all rows of samples (sub-rows) of each pixel; pack them as `Packing` says.
 
-    With `weighted`, each sub-row is multiplied by its index, 0..rate-1. The given fields have
-    `rate` bits. Fields that would overflow are first spread over two words.
+    With `weighted`, each sub-row is multiplied by its index in the pixel, 0..rate-1. The given
+    fields have `rate` bits. Fields that would overflow are first spread over two words.
     """
     packing = Packing.of(tiling.grid.rate)
     height, rate = tiling.height, tiling.grid.rate
@@ -151,7 +153,8 @@ def sum_flat(
 ) -> Float[Array, "chunks channels fields word_rows"]:
     """Sum the colours of each pixel's visible samples, over the slots of each chunk.
 
-    `colors` has one colour for each slot.
+    `sums` has the number of visible samples of each slot, and `colors` one colour for each slot.
+    The result is in the layout of unpacked arrays (`Packing`).
     """
     return _sum_flat(sums.count, colors, tiling)
 
@@ -179,8 +182,11 @@ def sum_interpolated(
     """Sum the interpolated colours of each pixel's visible samples, over the slots of each chunk.
 
     Colour is affine in the sample's position, so the sum needs only the number of samples and the
-    sums of their positions. `weights` are the terms of the corner weights of each slot, and
-    `colors` has the colour of each slot's three corners.
+    sums of their positions. The result is in the layout of unpacked arrays (`Packing`).
+
+    - `sums`: from `sample_sums` with `moments`.
+    - `weights`: numbers from which the corner weights of each slot are computed.
+    - `colors`: colours of each slot's three corners.
     """
     packing = Packing.of(tiling.grid.rate)
     rate, height = tiling.grid.rate, tiling.height
@@ -203,7 +209,7 @@ def _sum_weights(
 ]:
     """Sum the weights of corners 1 and 2 over the visible samples of each slot in each pixel.
 
-    `left` and `top` are the column and row of each pixel's first sample in the tile.
+    `left` and `top` are the column and row, in the tile, of each pixel's first sample.
     """
     assert sums.across is not None and sums.down is not None
     count, across, down = (
@@ -224,7 +230,7 @@ def _sum_corners(
     colors: Float[Array, "chunks slots 3 channels"],
     tiling: Tiling,
 ) -> Float[Array, "chunks channels fields word_rows"]:
-    """Sum corner colours times the sums of their weights, over the slots of each chunk.
+    """Sum the interpolated colours of visible samples over the slots of each chunk.
 
     - `count`: number of visible samples of each slot in each pixel, packed.
     - `weights`: sums of the weights of corners 1 and 2 over these samples.
@@ -250,7 +256,7 @@ def sum_chunks(
     *,
     max_chunks: int,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Sum over the chunks of each tile; 0 for tiles without chunks.
+    """Sum `chunk_sums` over the chunks of each tile; 0 for tiles without chunks.
 
     `max_chunks` is an upper bound on the number of chunks of a tile.
     """
@@ -269,7 +275,7 @@ def sum_chunks(
 def _gather_chunks(
     chunk_sums: Float[Array, "chunks channels fields word_rows"], chunks: Chunks, number: int
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Sum over the first `number` chunks of each tile, or all if it has fewer."""
+    """Sum `chunk_sums` over the first `number` chunks of each tile, or all if it has fewer."""
 
     def chunk_of_tile(k: int) -> Float[Array, "tiles channels fields word_rows"]:
         exists = (k < chunks.count)[:, None, None, None]
@@ -287,7 +293,7 @@ def _scatter_chunks(
     chunk_sums: Float[Array, "chunks channels fields word_rows"],
     chunks: Chunks,
 ) -> Float[Array, "tiles channels fields word_rows"]:
-    """Add the chunks after the first `_GATHERED` of each tile to `total`."""
+    """Add the sums of all but the first `_GATHERED` chunks of each tile to `total`."""
     number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
     is_scattered = (chunks.index >= _GATHERED) & (number < chunks.needed)
     tile = jnp.where(is_scattered, chunks.tile, total.shape[0])
@@ -314,7 +320,7 @@ def to_image(
     background: Float[Array, " channels"],
     tiling: Tiling,
 ) -> Float[Array, "height width channels"]:
-    """Average the samples of each pixel, and crop to the canvas.
+    """Average the samples of each pixel, including those of the background; crop to the canvas.
 
     - `sums`: the colours of the visible triangles, summed over the samples of each pixel, in the
       layout of unpacked arrays (`Packing`).
@@ -331,7 +337,7 @@ def to_image(
 def uncovered_words(
     covered: UInt32[Array, "chunks rows"], chunks: Chunks
 ) -> UInt32[Array, "tiles rows"]:
-    """Make the words of the samples that no chunk of a tile covers, for each tile.
+    """Make, for each tile, the words of the samples that no triangle of its chunks covers.
 
     `covered` is as in `to_image`. Bits past the last sample of a row are set too.
     """
@@ -343,7 +349,7 @@ def uncovered_words(
 def with_alpha(
     colors: Float[Array, "corners 3 triangles"],
 ) -> Float[Array, "corners 4 triangles"]:
-    """Extend RGB to RGBA with alpha 1, for a background with alpha."""
+    """Extend the RGB of opaque triangles to RGBA with alpha 1, for a background with alpha."""
     return jnp.concatenate([colors, jnp.ones_like(colors[:, :1])], 1)
 
 
@@ -356,7 +362,8 @@ def _average(
 ) -> Float[Array, "height width channels"]:
     """Add the background at the uncovered samples of each pixel, and divide by all samples.
 
-    `count` is the packed number of uncovered samples of each pixel.
+    `sums` and `background` are as in `to_image`. `count` is the number of uncovered samples of each
+    pixel, packed.
     """
     packing = Packing.of(tiling.grid.rate)
     channels = sums.shape[1]

@@ -38,10 +38,11 @@ from .sample_blocks import (
 def composite(
     surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, max_list_length: int
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sum premultiplied RGBA over each pixel's samples, without background.
+    """Composite translucent triangles at every sample, and sum premultiplied RGBA per pixel.
 
-    `to_image` makes the image from these sums. Differentiable with respect to the colours of
-    `surface`, which have straight alpha. No list may have more than `max_list_length` entries.
+    The triangles are those in the lists of the tiles. The background is not included; `to_image`
+    adds it and makes the image. Differentiable with respect to the colours of `surface`, which have
+    straight alpha. No list may have more than `max_list_length` entries.
     """
     # The blocks of `steps` are cut into smaller ones, in which the tiles keep their order.
     assert BLOCK % TILES == 0
@@ -59,7 +60,10 @@ def _composite(
     pairs: ListedPairs,
     blocks: Blocks,
 ) -> Float[Array, "blocks 4 width lines"]:
-    """Compute `composite` for the pixels of each block, with `colors` in place of the surface's."""
+    """Compute `composite` for the pixels of each block, with `colors` in place of the surface's.
+
+    Differentiable with respect to `colors` only.
+    """
     surface = surface.with_colors(colors)
     with jax.named_scope("transmittance"):
         return jax.lax.map(
@@ -93,7 +97,11 @@ def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tupl
 def _composite_block(
     surface: Surface, pairs: ListedPairs, block: Blocks, tiling: Tiling
 ) -> Float[Array, "4 width lines"]:
-    """Sum premultiplied RGBA over the samples of each pixel of one block."""
+    """Composite at every sample of one block, and sum premultiplied RGBA over each pixel's samples.
+
+    `block` has the tiles of the block and their lists, without the axis of blocks. The arrays of a
+    block are described in `sample_blocks`.
+    """
     dtype = surface.corners.color.dtype
     tile, start, count = block
     rate, width, lines = tiling.grid.rate, tiling.width, tile.shape[0] * tiling.height
@@ -114,7 +122,7 @@ def _add(
     layer: Layer,
     tiling: Tiling,
 ) -> Float[Array, "4 width lines"]:
-    """Add a layer to the sums of premultiplied RGBA.
+    """Add the visible part of a layer to the sums of premultiplied RGBA of each pixel.
 
     `transmittance` is the product of 1 - alpha in front of the layer, at each sample.
     """
@@ -132,9 +140,10 @@ def _add_flat(
     total: Float[Array, "width lines"],
     line_colors: Float[Array, "4 1 lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a layer with one colour per triangle to the sums of premultiplied RGBA.
+    """Add a layer with one colour per triangle to the sums of premultiplied RGBA of each pixel.
 
-    `total` is the sum of transmittance times alpha over the samples of each pixel.
+    `total` is the sum of transmittance times alpha over the samples of each pixel that the layer
+    covers. `line_colors` is as in `Layer`.
     """
     return sums + total[None] * line_colors[:, 0].at[3].set(1.0)[:, None]
 
@@ -147,13 +156,15 @@ def _add_interpolated(
     third: Float[Array, "width lines"],
     line_colors: Float[Array, "4 3 lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a layer with interpolated colours to the sums of premultiplied RGBA.
+    """Add a layer with interpolated colours to the sums of premultiplied RGBA of each pixel.
 
     Colours are linear in the weights of the corners, so three sums over the samples of each pixel
-    are enough for all channels:
+    that the layer covers are enough for all channels:
 
     - `total`: of transmittance times alpha.
     - `second`, `third`: of transmittance times alpha times the weight of corner 1 or 2.
+
+    `line_colors` is as in `Layer`.
     """
     corners = line_colors.at[3].set(1.0)[:, :, None]
     for k, corner_sum in enumerate((total - second - third, second, third)):
@@ -164,9 +175,10 @@ def _add_interpolated(
 def in_order_of_tiles(
     sums: Float[Array, "blocks 4 width lines"], steps: Steps, tiling: Tiling
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Reorder pixels from blocks of tiles to the numbering of the tiles.
+    """Reorder the pixels of all tiles from the order of blocks to the numbering of the tiles.
 
-    Blocks may be smaller than the blocks of `steps`, if their tiles are in the same order.
+    The blocks of `sums` may be smaller than the blocks of `steps`, if their tiles are in the same
+    order.
     """
     by_tile = sums.reshape(sums.shape[0], 4, tiling.width, -1, tiling.height)
     by_tile = by_tile.transpose(0, 3, 1, 2, 4)

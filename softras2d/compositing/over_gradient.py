@@ -4,16 +4,16 @@ Let c_k = (red, green, blue, 1) be the colour of layer k, where k counts from th
 the cotangent of a pixel, and let W_k = q . c_k. Two passes go through the list of a sample. The
 pass from the front computes the transmittance T_k in front of each layer, as in `over`. The pass
 from the back computes a value R_k for each layer: the composite of all layers behind layer k, with
-the number W of each layer as its colour. With L the loss,
+the number W of each of them in place of its colour. With L the loss,
 
     R_(k-1) = R_k + alpha_k (W_k - R_k),
     dL / d alpha_k = T_k (W_k - R_k),    dL / d c_k = q T_k alpha_k.
 
 The pass from the back carries only R, one number for each sample, whatever the number of channels.
-It cannot recover the transmittances, because those behind an opaque layer are 0. So they are stored
-for a few tiles at a time, and only for one segment of their lists, so that they stay in cache. If
-lists have several segments, an additional pass from the front first stores the transmittances at
-the start of each segment.
+It cannot recover the transmittances, because those behind an opaque layer are 0. So the
+transmittances are stored for a few tiles at a time, and only for one segment of their lists, so
+that they stay in cache. If lists have several segments, an additional pass from the front first
+stores the transmittances at the start of each segment.
 """
 
 import functools
@@ -46,9 +46,11 @@ segment of a block take 2 MiB at 16 samples per pixel. Measured with 1,000 trian
 
 
 class Blocks(NamedTuple):
-    """The tiles of blocks, and the first entry and length of the list of each tile.
+    """Tiles grouped into blocks of `TILES`, with the list of each tile.
 
-    As in `lists.Steps`, with `TILES` tiles in a block.
+    - `tile`: index of each tile.
+    - `start`, `count`: index of the first entry of the tile's list in the tile lists, and the
+      length of the list.
     """
 
     tile: Int[Array, "*blocks block"]
@@ -57,7 +59,7 @@ class Blocks(NamedTuple):
 
 
 class GradientState(NamedTuple):
-    """Arrays that the loops over the lists update.
+    """Arrays that the loops over the tile lists of a block update.
 
     - `pair_gradient`: gradient with respect to the corner colours of each listed pair, a triangle
       in a tile. Entries are red, green, blue and alpha of each corner in turn.
@@ -105,16 +107,19 @@ def color_gradient(
 
 
 class _BlockLists(NamedTuple):
-    """The lists of one block of tiles, and the data of their entries."""
+    """The lists of one block of tiles, and the data of their entries.
+
+    - `block`: the tiles and their lists, without the axis of blocks.
+    """
 
     surface: Surface
     pairs: ListedPairs
     block: Blocks
 
     def layer(self, position: Int[Array, ""], is_used: Bool[Array, ""], tiling: Tiling) -> Layer:
-        """Gather the layer at a position of all lists, counted from 0.
+        """Gather the layer at one position, counted from 0, of all lists of the block.
 
-        It covers nothing if `is_used` is false, nor in tiles whose lists are shorter.
+        The layer covers nothing if `is_used` is false, nor in tiles whose lists are shorter.
         """
         tile, start, count = self.block
         is_valid = is_used & (position < count)
@@ -127,9 +132,10 @@ def _add_block(
     state: GradientState,
     tiling: Tiling,
 ) -> GradientState:
-    """Compute the gradients of the pairs of a block, segment by segment from the back.
+    """Compute the gradients of the listed pairs of a block, segment by segment from the back.
 
-    `cotangent` is the cotangent of the block's sums. Returns the state with these gradients.
+    `cotangent` is the cotangent of the block's sums of RGBA. Returns the state with these
+    gradients.
     """
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     capacity = state.segment_transmittance.shape[0] * _SEGMENT
@@ -156,9 +162,10 @@ def _pass_segment(
     segment: Int[Array, ""],
     segment_transmittance: Float[Array, "segments *samples"],
 ) -> Float[Array, "segments *samples"]:
-    """Pass through one segment, and store the transmittance in front of the next segment.
+    """Pass through one segment of the lists, and store the transmittance in front of the next one.
 
-    `segment` is the number of the segment, whose transmittance in front is already stored.
+    `segment` is the number of the segment. `segment_transmittance` already has the transmittance in
+    front of it.
     """
 
     def pass_layer(
@@ -181,7 +188,7 @@ def _add_segment(
     carry: tuple[GradientState, Float[Array, "*samples"]],
     tiling: Tiling,
 ) -> tuple[GradientState, Float[Array, "*samples"]]:
-    """Compute the gradients of the pairs in one segment of the lists, from back to front.
+    """Compute the gradients of the listed pairs in one segment of the lists, from back to front.
 
     - `segment`: number of the segment. Nothing changes if it is negative.
     - `block_list_length`: length of the longest list of the block.
@@ -231,7 +238,7 @@ def _put(
     transmittance: Float[Array, "*samples"],
     position: Int[Array, ""],
 ) -> Float[Array, "positions *samples"]:
-    """Write the transmittance of one position into the array of all positions.
+    """Write the transmittances of all samples at one position into the array of all positions.
 
     Not `materialized`, because this would copy the whole array.
     """
@@ -242,7 +249,11 @@ def _put(
 def _corner_values(
     line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
 ) -> Float[Array, "corners width lines"]:
-    """Compute W = q . c of each corner's colour, in the symbols of this file, for each pixel."""
+    """Compute the dot product of each corner's colour and the cotangent of each pixel.
+
+    The colour is (red, green, blue, 1). The result is W of the corners, in the symbols of this
+    file.
+    """
     # c is (red, green, blue, 1): 1 in place of alpha.
     color = line_colors.at[3].set(1.0)[:, :, None]
     channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
@@ -257,7 +268,11 @@ def _add_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample."""
+    """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample.
+
+    R is the value that the top of this file defines. `corner_values` are as returned by
+    `_corner_values`.
+    """
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
     return value_behind + opacity * _value_difference(layer, corner_values, value_behind)
 
@@ -267,7 +282,11 @@ def _value_difference(
     corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
 ) -> Float[Array, "*samples"]:
-    """Compute W_k - R_k at each sample, in the symbols of this file."""
+    """Compute W_k - R_k of a layer k at each sample, in the symbols of this file.
+
+    W_k is interpolated from `corner_values`, which are as returned by `_corner_values`.
+    `value_behind` is R_k.
+    """
     return interpolate_at_samples(layer.weights, corner_values) - value_behind
 
 
@@ -281,10 +300,10 @@ def _sum_alpha_derivatives(
     corner: int,
     tiling: Tiling,
 ) -> Float[Array, "width lines"]:
-    """Sum T_k (W_k - R_k) over the samples of each pixel that layer k covers.
+    """Sum the derivatives by a layer's alpha over the samples of each pixel that the layer covers.
 
-    These are the derivatives with respect to alpha. With `corner` 1 or 2, each is multiplied by the
-    weight of this corner. With 0 it is not.
+    The derivative at a sample is T_k (W_k - R_k), in the symbols of this file. With `corner` 1 or
+    2, each is multiplied by the weight of this corner. With 0 it is not.
     """
     gains = transmittance * _value_difference(layer, corner_values, value_behind)
     return sum_covered(layer, gains, corner, tiling)
@@ -298,13 +317,14 @@ def _layer_gradient(
     cotangent: Float[Array, "4 width lines"],
     tiling: Tiling,
 ) -> Float[Array, "entries block"]:
-    """Compute the gradient with respect to the corner colours of the pairs of a layer.
+    """Compute the gradient with respect to the corner colours of a layer's triangle, for each tile.
 
     Entries are red, green, blue and alpha of each corner in turn.
 
     - `transmittance`: transmittance in front of the layer.
     - `corner_values`: as returned by `_corner_values`.
     - `value_behind`: R_k in the symbols of this file.
+    - `cotangent`: cotangent of the sums of RGBA of each pixel.
     """
     corners = range(layer.line_colors.shape[1])
     by_alpha = [
@@ -326,7 +346,7 @@ def _split_by_corner(
     second: Float[Array, "width lines"],
     third: Float[Array, "width lines"],
 ) -> list[Float[Array, "width lines"]]:
-    """Compute the sums weighted with each of the three corners.
+    """Compute the sums weighted with each of the three corner weights, which add up to 1.
 
     `total` is the unweighted sum. `second` and `third` are weighted with corners 1 and 2.
     """
@@ -341,13 +361,14 @@ def _sum_tiles(
     *,
     height: int,
 ) -> Float[Array, "entries block"]:
-    """Sum the gradient of each tile's pair over the pixels of the tile.
+    """Sum the gradient with respect to the corner colours over the pixels of each tile.
 
     Entries are red, green, blue and alpha of each corner in turn.
 
     - `by_alpha`: for each corner, what each pixel adds to the derivative by the corner's alpha.
-    - `visible`: for each corner, the sum of transmittance times alpha times the corner's weight.
-    - `height`: number of lines of a tile.
+    - `visible`: for each corner, the sum of transmittance times alpha times the corner's weight
+      over the samples of each pixel.
+    - `height`: number of lines (rows of pixels) of a tile.
     """
     rows = []
     for alpha_gradient, visible_sum in zip(by_alpha, visible, strict=True):
@@ -359,6 +380,9 @@ def _sum_tiles(
 def _sum_pairs(
     pair_gradient: Float[Array, "entries pairs"], triangle: Int[Array, " pairs"], triangles: int
 ) -> Float[Array, "entries triangles"]:
-    """Sum the gradients of all pairs of each triangle, over the tiles that list it."""
+    """Sum the gradients of all listed pairs of each triangle, over the tiles that list it.
+
+    `triangle` is the triangle of each pair, and `triangles` the number of all triangles.
+    """
     zeros = jnp.zeros((pair_gradient.shape[0], triangles), pair_gradient.dtype)
     return zeros.at[:, triangle].add(pair_gradient, mode="drop")

@@ -1,9 +1,9 @@
 """Composite translucent triangles whose colours must be shaded, such as those with textures.
 
 As in `over`, but the colours of each layer are evaluated at every sample, or once for each pixel.
-One scan goes through the steps of all blocks of tiles, one block after another. Its number of steps
-is fixed, as reverse-mode differentiation requires. For the backward pass, autodiff stores the
-transmittances and colours of every step.
+One scan goes through the steps of all blocks of tiles, one block after another
+(`binning.lists.Steps`). Its number of steps is fixed, as reverse-mode differentiation requires. For
+the backward pass, autodiff stores the transmittances and colours of every step.
 """
 
 import functools
@@ -32,10 +32,10 @@ from .sample_blocks import (
 def composite_shaded(
     surface: Surface, pairs: ListedPairs, steps: Steps, tiling: Tiling, *, shading: str
 ) -> Float[Array, "tiles 4 tile_width tile_height"]:
-    """Sum premultiplied RGBA over each pixel's samples, without background.
+    """Shade and composite the triangles of each tile's list; sum premultiplied RGBA per pixel.
 
-    `over.to_image` makes the image from these sums. `shading` is as in `Hard.shading`. Steps beyond
-    the capacity of `steps` are missing.
+    The sums are over the samples of a pixel, without background; `over.to_image` makes the image
+    from them. `shading` is as in `Hard.shading`. Steps beyond the capacity of `steps` are missing.
     """
     dtype = surface.corners.color.dtype
     rate, height, width = tiling.grid.rate, tiling.height, tiling.width
@@ -76,7 +76,7 @@ def composite_shaded(
 def _start_if(
     is_first: Bool[Array, ""], state: Float[Array, "..."], *, initial: float
 ) -> Float[Array, "..."]:
-    """Return `initial` for the first step of a block, else the state unchanged."""
+    """Return an array filled with `initial` if `is_first`, else `state` unchanged."""
     return jnp.where(is_first, initial, state)
 
 
@@ -92,9 +92,9 @@ def _blend(
 ) -> tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]]:
     """Composite one layer of a block behind the layers that `state` contains.
 
-    The state is the transmittance at each sample, and the sums of premultiplied RGBA of each pixel.
-    Returns the next state. `pair` is the index in the tile lists of each tile's entry, and
-    `is_valid` says whether the tile has this entry.
+    Returns the next state. A state is the transmittance at each sample, and the sums of
+    premultiplied RGBA of each pixel. `pair` is the index in the tile lists of each tile's entry,
+    and `is_valid` says whether the tile has this entry. `shading` is as in `Hard.shading`.
     """
     transmittance, sums = state
     passed, covered = (gather_block_words(words, pair, is_valid) for words in pairs[1:])
@@ -125,7 +125,10 @@ def _transmittance_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Multiply the transmittance by 1 - alpha at the samples whose bits in `words` are set."""
+    """Multiply the transmittance by 1 - alpha at the samples whose bits in `words` are set.
+
+    `words` are coverage words, one for each sub-row of each line (`sample_blocks`).
+    """
     return transmittance * (1.0 - alpha * all_bits(words, tiling, alpha.dtype))
 
 
@@ -137,10 +140,12 @@ def _shade_block(
     tiling: Tiling,
     shading: str,
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
-    """Compute the premultiplied RGBA of a layer of a block at every sample.
+    """Compute the premultiplied RGBA of a layer of a block at every sample, covered or not.
 
-    `covered` are the coverage words before the depth test, which decide where a pixel is shaded if
-    `shading` is `"pixel"`.
+    - `covered`: coverage words before the depth test, which decide where a pixel is shaded if
+      `shading` is `"pixel"`.
+    - `triangle`, `tile`: the layer's triangle in each tile of the block, and the tiles.
+    - `shading`: as in `Hard.shading`.
     """
     rate, width = tiling.grid.rate, tiling.width
     lines = covered.shape[1]
@@ -166,14 +171,15 @@ def _shade_block(
 
 @functools.partial(materialized, static_argnames=("height",))
 def _lanes_by_line(lanes: Lanes, height: int) -> Lanes:
-    """Repeat the lane of each tile of a block for all lines of the tile."""
+    """Repeat the lane of each tile of a block for all lines (rows of pixels) of the tile."""
     return jax.tree.map(lambda entry: jnp.repeat(entry, height, entry.ndim - 1), lanes)
 
 
 def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> Fragments:
     """Make a fragment of each pixel of a block, covered or not: `width * lines` fragments.
 
-    The slot of a fragment is the index of its tile in the block.
+    `words` are the coverage words of the block. The slot of a fragment is the index of its tile in
+    the block.
     """
     rate, lines = tiling.grid.rate, words.shape[1]
     column, line = (
@@ -190,5 +196,5 @@ def _block_fragments(words: UInt32[Array, "sub_rows lines"], tiling: Tiling) -> 
 def _add_channels(
     sums: Float[Array, "4 width lines"], visible_sums: list[Float[Array, "width lines"]]
 ) -> Float[Array, "4 width lines"]:
-    """Add to the sums of all channels; `visible_sums` has one array for each channel."""
+    """Add `visible_sums`, which has one array for each channel, to the sums of all channels."""
     return sums + jnp.stack(visible_sums)

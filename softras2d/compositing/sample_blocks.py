@@ -2,7 +2,7 @@
 
 The samples of a block are stored in an array `[sub_rows, sub_columns, width, lines]`, which
 annotations abbreviate as `*samples`. A line is a row of pixels of one tile, `width` pixels long.
-The minor axis has the lines of all tiles of the block, tile by tile. Sub-rows and sub-columns are
+The last axis has the lines of all tiles of the block, tile by tile. Sub-rows and sub-columns are
 the rows and columns of samples in a pixel.
 
 One coverage word has the samples of one sub-row of a line. Samples that differ only in their line
@@ -24,7 +24,7 @@ from ..shading.surface import Surface
 
 
 class ListedPairs(NamedTuple):
-    """The pairs of a triangle and a tile in the tile lists, with the samples that they cover.
+    """The entries of the tile lists, pairs of a triangle and a tile, with their coverage words.
 
     - `triangle`: the triangle of each pair.
     - `passed`: coverage words of the samples to composite, one array for each sub-row.
@@ -40,7 +40,7 @@ class Layer(NamedTuple):
     """One entry in the list of each tile of a block, all at the same position of their lists.
 
     - `pair`: index of the entry in the tile lists.
-    - `triangle`: its triangle.
+    - `triangle`: the triangle of the entry.
     - `words`: coverage words of the samples to composite; 0 where a tile's list has ended.
     - `line_colors`: RGBA of the triangle's corners, with straight alpha, repeated for each line.
     - `weights`: weights of corners 1 and 2 at each sample; None if triangles have one colour.
@@ -59,9 +59,10 @@ def list_pairs(
     covered: UInt32[Array, "pairs rows"],
     tiling: Tiling,
 ) -> ListedPairs:
-    """Collect the listed pairs, with their coverage words split by sub-row.
+    """Collect the entries of the tile lists, with their coverage words split by sub-row.
 
-    `passed` and `covered` are the coverage words of each pair after and before the depth test.
+    `triangle` is the triangle of each entry. `passed` and `covered` are its coverage words after
+    and before the depth test.
     """
     split = materialized(functools.partial(_split_sub_rows, tiling=tiling))
     return ListedPairs(triangle, split(passed), split(covered))
@@ -70,6 +71,7 @@ def list_pairs(
 def _split_sub_rows(
     words: UInt32[Array, "pairs rows"], tiling: Tiling
 ) -> list[UInt32[Array, "pairs tile_lines"]]:
+    """Split the coverage words of each pair into one array for each sub-row."""
     height = tiling.height
     return [words[:, i * height : (i + 1) * height] for i in range(tiling.grid.rate)]
 
@@ -137,7 +139,10 @@ def interpolate_at_samples(
 def transmittance_behind(
     transmittance: Float[Array, "*samples"], layer: Layer, *, tiling: Tiling
 ) -> Float[Array, "*samples"]:
-    """Multiply the transmittance by 1 - alpha at the samples that a layer covers."""
+    """Multiply the transmittance by 1 - alpha at the samples that a layer covers.
+
+    The result is the transmittance in front of the next layer.
+    """
     bits = all_bits(layer.words, tiling, transmittance.dtype)
     return transmittance * (1.0 - alpha_at_samples(layer) * bits)
 
@@ -160,14 +165,17 @@ def sum_visible(
 def _repeat_by_line(
     colors: Float[Array, "corners 4 block"], height: int
 ) -> Float[Array, "4 corners lines"]:
-    """Repeat the colours of the triangle of each tile of a block for all lines of the tile."""
+    """Repeat the colours of the triangle of each tile of a block for all lines of the tile.
+
+    A line is a row of pixels; `height` is the number of lines of a tile.
+    """
     return jnp.repeat(colors.transpose(1, 0, 2), height, 2)
 
 
 def _sample_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights of corners 1 and 2 at each sample of a block, with one triangle for each tile."""
+    """Weights of corners 1 and 2 of each tile's triangle, at each sample of a block."""
     terms = _line_weights(surface, triangle, tile, tiling)
     return _weights_of_lines(terms, tiling)
 
@@ -185,7 +193,7 @@ def _line_weights(
 def _weights_of_lines(
     terms: AffineWeights, tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights of corners 1 and 2 at each sample, from the terms of its line."""
+    """Weights of corners 1 and 2 at each sample, from the terms that `_line_weights` returns."""
     block = terms.scale.shape[0] // tiling.height
     terms = jax.tree.map(lambda entry: jnp.expand_dims(entry, (-4, -3, -2)), terms)
     return weights_at(terms, *sample_positions(block, tiling))
@@ -194,7 +202,7 @@ def _weights_of_lines(
 def bit_of_samples(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """1 where the sample in `sub_column` of each pixel is covered, else 0, for one sub-row.
+    """1 where one sample of each pixel is covered, else 0: the sample in `sub_column` of a sub-row.
 
     `words` are the coverage words of this sub-row.
     """
@@ -244,7 +252,10 @@ def sum_where_covered(
 def sample_positions(
     block: int, tiling: Tiling
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"]]:
-    """Column and row, within its tile, of each sample of a block of `block` tiles."""
+    """Column and row, counted from the first sample of its tile, of each sample of a block.
+
+    The block has `block` tiles.
+    """
     rate = tiling.grid.rate
     shape = (rate, rate, tiling.width, block * tiling.height)
     sub_row, sub_column, column, line = (
