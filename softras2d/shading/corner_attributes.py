@@ -1,8 +1,8 @@
 """Vertex attributes at the corners of triangles, and their interpolation.
 
-With `inverse_w` q, the weights w_i of the corners become w_i q_i / sum w_j q_j, which are linear on
-the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture Mapping
-and Shading* (1991), section 4.
+With `inverse_w` q, the weights w_i of the corners become w_i q_i / sum_j w_j q_j, which are linear
+on the triangle in space. **Source:** Heckbert and Moreton, *Interpolation for Polygon Texture
+Mapping and Shading* (1991), section 4.
 """
 
 import functools
@@ -23,7 +23,7 @@ CornerWeights = tuple[Array, Array, Array]
 class CornerAttributes(NamedTuple):
     """Vertex attributes at the corners of triangles, reoriented to positive orientation.
 
-    The last axes are the triangles of the scene, or one triangle for each lane (`surface`). None
+    The last axes are the triangles of the scene, or lanes with one triangle each (`surface`). None
     means that the scene does not have the attribute.
 
     - `color`: straight RGB or RGBA; one corner for triangles of one colour, else three.
@@ -56,7 +56,12 @@ def corner_attributes(
     triangles: Int[Array, "triangles 3"],
     orientation: Int[Array, " triangles"],
 ) -> CornerAttributes:
-    """Gather all attributes at the corners of triangles, reoriented as in `at_corners`."""
+    """Gather all attributes at the corners of triangles, reoriented as in `at_corners`.
+
+    - `uv`, `inverse_w`: None for a scene without them.
+    - `triangles`: vertex indices of the corners.
+    - `orientation`: sign of each triangle's area.
+    """
     colors = (
         _reorient_channels(colors, orientation)
         if colors.shape[1] == 3
@@ -71,7 +76,7 @@ def corner_attributes(
 def _reorient_channels(
     values: Float[Array, "triangles 3 channels"], orientation: Int[Array, " triangles"]
 ) -> Float[Array, "3 channels triangles"]:
-    """Reorient values of corners to positive orientation, and put triangles last."""
+    """Reorient values of corners to positive orientation (`at_corners`), and put triangles last."""
     return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
 
 
@@ -80,7 +85,7 @@ def perspective_weights(
 ) -> CornerWeights:
     """Convert barycentric weights on the screen to weights on the triangle in space.
 
-    Without `inverse_w` the weights are returned unchanged.
+    `inverse_w` is 1/w of the three corners. If it is None the weights are returned unchanged.
     """
     first, second, third = weights
     if inverse_w is None:
@@ -98,9 +103,9 @@ def perspective_weights(
 def interpolate(
     weights: CornerWeights, corners: Float[Array, "corners channels *lanes"]
 ) -> Float[Array, "channels *points"]:
-    """Interpolate the values of three corners by their weights.
+    """Interpolate the values of three corners by the barycentric weights of the corners.
 
-    If there is one corner only, its value is returned, and the weights do not matter.
+    If `corners` has one corner only, its value is returned, and the weights do not matter.
     """
     if corners.shape[0] == 1:
         return corners[0]

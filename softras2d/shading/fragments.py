@@ -2,6 +2,8 @@
 
 Shading visits a list of fragments, so hidden triangles cost nothing. An opaque scene has about one
 fragment per pixel, and one more where a visible edge crosses the pixel.
+
+Slots and chunks, from which fragments are listed, are defined in `binning.lists`.
 """
 
 import functools
@@ -40,8 +42,9 @@ class Fragments(NamedTuple):
 def visible_pixels(visible: Any, tiling: Tiling) -> Any:
     """Mark the pixels that have a visible sample, in one word for each row of pixels of a tile.
 
-    Maps coverage words `[*slots, rows]` to words `[*slots, tile_height]`, in which the bit of the
-    pixel's first sample marks the pixel. Works for NumPy and JAX alike.
+    `visible` are the coverage words of visible samples, `[*slots, rows]`. The result is words
+    `[*slots, tile_height]`, in which the bit of the pixel's first sample marks the pixel. Works for
+    NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
     xp = visible.__array_namespace__()
@@ -57,9 +60,10 @@ def visible_pixels(visible: Any, tiling: Tiling) -> Any:
 def list_fragments(
     visible: UInt32[Array, "chunks slots rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
-    """List the fragments, from the coverage words of the samples that each slot shows.
+    """List the fragments, in arrays of `capacity` entries.
 
-    If there are more than `capacity` fragments, some are missing.
+    `visible` are the coverage words of the samples at which each slot's triangle is visible. If
+    there are more than `capacity` fragments, some are missing (`Fragments.needed`).
     """
     pixel_words, counts = _count_pixels(visible, tiling)
     # Each visible pixel is an entry, whose owner is its row of pixels in a slot.
@@ -73,9 +77,9 @@ def list_fragments(
 def _count_pixels(
     visible: UInt32[Array, "chunks slots rows"], tiling: Tiling
 ) -> tuple[UInt32[Array, " pixel_rows"], Int[Array, " pixel_rows"]]:
-    """Mark the visible pixels in each row of pixels of each slot, and count them.
+    """Mark the visible pixels in each row of pixels of each slot, and count them per row.
 
-    The words come from `visible_pixels`, flattened.
+    Returns the words of `visible_pixels`, flattened, and the number of set bits of each word.
     """
     pixel_words = visible_pixels(visible, tiling).reshape(-1)
     return pixel_words, jax.lax.population_count(pixel_words).astype(jnp.int32)
@@ -105,9 +109,9 @@ def _locate(
 def _pixel_of_rank(
     word: UInt32[Array, " fragments"], rank: Int[Array, " fragments"], tiling: Tiling
 ) -> Int[Array, " fragments"]:
-    """Column of the pixel that a set bit of a word of `visible_pixels` marks.
+    """Column of a pixel in its tile, from the word of `visible_pixels` in which a bit marks it.
 
-    `rank` is the number of set bits below that bit.
+    `rank` is the number of set bits below the bit of the pixel.
     """
     before = jnp.zeros_like(rank)
     pixel = jnp.zeros_like(rank)
@@ -128,8 +132,8 @@ def gather_bits(
 ) -> UInt32[Array, "sub_rows fragments"]:
     """Cut the samples of each fragment's pixel out of the coverage words of its slot.
 
-    `slot`, `column`, `row` and the result are as in `Fragments`. The result is 0 where `column` is
-    -1.
+    `words` are coverage words. `slot`, `column`, `row` and the result are as in `Fragments`. The
+    result is 0 where `column` is -1.
     """
     rate = tiling.grid.rate
     sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
@@ -143,7 +147,7 @@ def gather_bits(
 def sample_points(
     fragments: Fragments, sub_row: Int[Array, ""], sub_column: Int[Array, ""], tiling: Tiling
 ) -> Points:
-    """Make the points that lie at one sample of each fragment's pixel.
+    """Make the points that lie at the same sample of each fragment's pixel.
 
     `sub_row` and `sub_column` are the row and the column of the sample in the pixel, from 0.
     """
@@ -163,12 +167,14 @@ def shading_points(
 ) -> Points:
     """Choose the point of each fragment at which multisampling shades it.
 
-    This is the centre of the pixel if the closed triangle contains it. Otherwise it is the centroid
-    of those samples of the pixel that the triangle covers, whether they are visible or not.
+    Multisampling (`Hard.shading` is `"pixel"`) shades a triangle once per pixel. The point is the
+    centre of the pixel if the closed triangle contains it. Otherwise it is the centroid of those
+    samples of the pixel that the triangle covers, whether they are visible or not.
 
     - `covered`: all samples that the triangle covers, laid out like `Fragments.bits`.
+    - `edges`: edge functions of all triangles.
     - `weights`: terms of the barycentric weights, gathered for each fragment.
-    - `triangle`, `tile`: index of both, for each slot.
+    - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     """
     # `weights` already contains the other two edges.
     middle_edge = gather_lanes(_rebase(edges[1], triangle, tile, tiling), fragments.slot)
@@ -193,14 +199,13 @@ def shading_points_of_samples(
 ) -> Points:
     """Choose the point at which multisampling shades a triangle in the pixel of a sample.
 
-    The point is the same as in `shading_points`, but all samples of the pixel are tested again,
-    for callers that have no fragments.
+    The point is the same as in `shading_points`, but all samples of the pixel are tested again, for
+    callers that have no fragments. It is relative to the tile in which the sample lies.
 
+    - `bounds`: bounding boxes of all triangles, in samples.
+    - `weights`: terms of the barycentric weights, gathered for each lane.
     - `triangle`: index of the triangle, for each lane.
     - `column`, `row`: column and row of the sample on the canvas, for each lane.
-    - `weights`: terms of the barycentric weights, gathered for each lane.
-
-    The points are relative to the tile in which the sample lies.
     """
     rate = tiling.grid.rate
     left, top = column - column % tiling.sample_columns, row - row % tiling.sample_rows
@@ -230,7 +235,10 @@ def shading_points_of_samples(
 def _rebase(
     edge: Edge, triangle: Int[Array, " slots"], tile: Int[Array, " slots"], tiling: Tiling
 ) -> Edge:
-    """Gather an edge of each slot's triangle, with samples counted from the slot's tile."""
+    """Gather one edge function for each slot's triangle, with samples counted from the slot's tile.
+
+    `triangle` and `tile` are the triangle and the tile of each slot.
+    """
     return edge.gather(triangle).rebased(*tiling.first_sample(tile))
 
 
@@ -238,9 +246,10 @@ def _rebase(
 def _sum_samples(
     bits: UInt32[Array, "sub_rows fragments"], rate: int
 ) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
-    """Count the samples set in `bits`; return their number and the sums of columns and rows.
+    """Count the samples whose bits are set, and sum their columns and rows within the pixel.
 
-    Columns and rows are counted within the pixel.
+    Returns the number of samples, the sum of columns and the sum of rows of each fragment. `bits`
+    are as in `Fragments`.
     """
     count, across, down = (jnp.zeros(bits.shape[1], jnp.int32) for _ in range(3))
     for sub, word in enumerate(bits):
@@ -260,10 +269,11 @@ def _is_central(
     count: Int[Array, " fragments"],
     rate: int,
 ) -> Bool[Array, " fragments"]:
-    """Whether each fragment is shaded at the pixel's centre.
+    """Whether each fragment is shaded at the centre of its pixel.
 
     It is if the closed triangle contains the centre, or if `count`, the number of samples of the
-    pixel that the triangle covers, is 0. `middle_edge` is edge 1 of the fragment's triangle.
+    pixel that the triangle covers, is 0. `middle_edge` is edge 1 of the fragment's triangle;
+    `weights` contains the other two edges.
     """
     edges = [weights.edges.gather(0), weights.edges.gather(1), middle_edge]
     return contains(edges, _centre(column, row, rate)) | (count == 0)
@@ -279,9 +289,11 @@ def _choose_point(
     down: Int[Array, " fragments"],
     rate: int,
 ) -> Points:
-    """Select the centre of each pixel, or the centroid of the `count` samples that are covered.
+    """Select the centre of each pixel where `is_central`, else the centroid of its covered samples.
 
-    `across` and `down` are the sums of these samples' columns and rows within the pixel.
+    - `column`, `row`: the pixel, within its tile.
+    - `count`: number of covered samples of the pixel.
+    - `across`, `down`: sums of these samples' columns and rows within the pixel.
     """
     centre = _centre(column, row, rate)
     return Points(
@@ -292,7 +304,7 @@ def _choose_point(
 
 
 def _centre(column: Int[Array, " fragments"], row: Int[Array, " fragments"], rate: int) -> Points:
-    """Make the centre of a pixel of the tile, as the mean of two samples.
+    """Make the centres of pixels, given by column and row in the tile, as the mean of two samples.
 
     At even rates the centre lies half way between samples; its sum over two samples is an integer.
     """
@@ -301,9 +313,9 @@ def _centre(column: Int[Array, " fragments"], row: Int[Array, " fragments"], rat
 
 
 def contains(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
-    """Whether the triangle within `edges`, boundary included, contains each point.
+    """Whether the triangle within three edges, boundary included, contains each point.
 
-    The decision is exact also for points between samples.
+    The points must have a `count`. The decision is exact also for points between samples.
     """
     count, across, down = points
     assert count is not None

@@ -1,9 +1,10 @@
 """Shade one colour per (slot, pixel) pair, for soft and exact-area coverage.
 
-The barycentric weights of the corners tell at which point a triangle is shaded. With exact area
-this is the centroid of the part of the triangle in the pixel, so that affine colours are averaged
-exactly. With soft coverage it is the pixel's centre, or the triangle's point nearest to it. The
-weights have derivatives by the positions, from which all gradients of colours by positions follow.
+A slot is a triangle in a tile (`binning.lists`). The barycentric weights of the corners tell at
+which point a triangle is shaded. With exact area this is the centroid of the part of the triangle
+in the pixel, so that affine colours are averaged exactly. With soft coverage it is the pixel's
+centre, or the triangle's point nearest to the centre. The weights have derivatives by the
+positions, from which all gradients of colours by positions follow.
 """
 
 import functools
@@ -57,7 +58,7 @@ class TriangleAttributes(NamedTuple):
 
     @property
     def varies(self) -> bool:
-        """Whether any attribute may differ from point to point of a triangle."""
+        """Whether colour or depth may differ from point to point of a triangle."""
         has_corner_colors = self.corners.color.shape[0] == 3
         return has_corner_colors or self.textures is not None or self.depth is not None
 
@@ -65,9 +66,9 @@ class TriangleAttributes(NamedTuple):
 class CornerColors(NamedTuple):
     """Opaque colours of slots that are yet to be interpolated at the pixels of their tiles.
 
-    - `weights`: the function for the weights of corners 1 and 2.
+    - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
     - `positions`: x and y of each corner of each slot's triangle in turn, in pixels.
-    - `geometry`: the geometry of each slot that `weights` takes.
+    - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
     - `corners`: red, green and blue of corner 0, then of corner 1 and of corner 2.
     """
 
@@ -81,8 +82,8 @@ class ShadedSlots(NamedTuple):
     """Opacity, colour and depth of each slot at the pixels of its tile.
 
     - `opacity`: coverage times alpha, 0..1.
-    - `color`: straight RGB; the axis of pixels has length 1 if each slot has one colour. Or colours
-      that compositing interpolates.
+    - `color`: straight RGB; the axis of pixels has length 1 if each slot has one colour. A
+      `CornerColors` stands for colours that compositing interpolates itself.
     - `depth`: depth of the triangle; None if depth is not used.
     """
 
@@ -105,9 +106,9 @@ def shade_slots(
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
     - `coverage`: covered fraction of each pixel.
-    - `weights`: the function for the weights of corners 1 and 2.
+    - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
     - `corners`: x and y of each corner of each slot's triangle in turn, in pixels.
-    - `geometry`: the geometry of each slot that `weights` takes.
+    - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
     - `lines`: the edges of each slot's triangle.
     - `chunks`: the slots, flattened in the other arguments.
     - `may_defer`: whether colours that are only interpolated are left to compositing, as
@@ -150,7 +151,7 @@ def shade_slots(
 
 @materialized
 def _gather_triangles(tree: Tree, triangle: Int[Array, " slots"]) -> Tree:
-    """Gather the entries of each slot's triangle; a last axis of length 1 is for the pixels."""
+    """Gather the entries of each slot's triangle, and append an axis of length 1 for the pixels."""
     return jax.tree.map(lambda entry: entry[..., triangle, None], tree)
 
 
@@ -158,7 +159,10 @@ def _gather_triangles(tree: Tree, triangle: Int[Array, " slots"]) -> Tree:
 def _interpolate_depth(
     on_screen: CornerWeights, depth: Float[Array, "3 slots 1"]
 ) -> Float[Array, "slots pixels"]:
-    """Interpolate depth, which is affine on the screen."""
+    """Interpolate the depths of the corners at each pixel; depth is affine on the screen.
+
+    `on_screen` are the barycentric weights at each pixel.
+    """
     return interpolate(on_screen, depth[:, None])[0]
 
 
@@ -177,10 +181,11 @@ def _shade_texture(
     on_screen: CornerWeights,
     lines: TriangleLines,
 ) -> Float[Array, "channels slots pixels"]:
-    """Compute the premultiplied colours of textured triangles, summed over all probes.
+    """Compute the premultiplied colours of textured triangles, summed over all texture probes.
 
-    `on_screen` are the barycentric weights at each pixel; `corners` and `texture` are gathered for
-    each slot.
+    - `corners`, `texture`: corner attributes and index of the texture of each slot's triangle.
+    - `on_screen`: barycentric weights at each pixel, on the screen.
+    - `lines`: the edges of each slot's triangle.
     """
     in_space = materialized(perspective_weights)(on_screen, corners.inverse_w)
 
@@ -206,7 +211,12 @@ def _choose_at_pixels(
     lines: TriangleLines,
     uv: Float[Array, "2 slots pixels"],
 ) -> LevelsAndProbes:
-    """Choose the mip levels and probes of each slot at each pixel, where (u, v) is `uv`."""
+    """Choose the mip levels and probes of each slot at each pixel, for texture coordinates `uv`.
+
+    - `in_space`: barycentric weights at each pixel, on the triangle in space.
+    - `corners`, `texture`: corner attributes and index of the texture of each slot's triangle.
+    - `lines`: the edges of each slot's triangle.
+    """
     # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     edges = (lines.edges[2], lines.edges[0])
     across, down = (

@@ -59,7 +59,10 @@ def sample_texture(
 def _sum_probes(
     textures: Textures, uv: Float[Array, "2 points"], chosen: LevelsAndProbes
 ) -> Float[Array, "channels points"]:
-    """Mean of the texels that the probes of each point read."""
+    """Mean of the texels that the probes of each point read, as RGB or premultiplied RGBA.
+
+    `chosen` has the mip levels and the probes of each point.
+    """
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:
         at, share = probe_point(uv, chosen, probe)

@@ -39,11 +39,11 @@ Tree = TypeVar("Tree")
 
 
 class Points(NamedTuple):
-    """Points in tiles, each of them the mean position of some samples.
+    """Points in tiles, each of them the mean position of some samples of its tile.
 
     - `count`: number of the samples; None for a single sample.
-    - `across`, `down`: sums of their columns and of their rows, counted from the tile's first
-      sample.
+    - `across`, `down`: sums of the samples' columns and of their rows, counted from the tile's
+      first sample.
 
     Samples, centres of pixels and centroids are thus all given by exact integers.
     """
@@ -54,7 +54,7 @@ class Points(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """All data of the triangles that shading needs.
+    """All data of the triangles that shading needs, for all triangles of a scene.
 
     - `edges`: exact edge functions.
     - `area`: twice the area of each triangle, from `barycentric.twice_area`, which says the unit.
@@ -80,11 +80,11 @@ class Surface(NamedTuple):
 
     @property
     def probes(self) -> int:
-        """Number of texture lookups at each point; 1 for a surface without textures."""
+        """Number of texture probes at each point; 1 for a surface without textures."""
         return 1 if self.textures is None else self.filter.anisotropy
 
     def with_colors(self, colors: Float[Array, "corners channels triangles"]) -> "Surface":
-        """Return the surface with these colours at the corners instead of its own."""
+        """Return the surface with `colors` as the colours of the corners."""
         return self._replace(corners=self.corners._replace(color=colors))
 
     @property
@@ -95,7 +95,11 @@ class Surface(NamedTuple):
     def weight_terms(
         self, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
     ) -> AffineWeights:
-        """Compute the terms of the barycentric weights for lanes of triangles in tiles."""
+        """Compute the terms of the barycentric weights for lanes of triangles in tiles.
+
+        Each lane is one of the triangles in one of the tiles. The terms give the weights at single
+        samples (`barycentric.weights_at`).
+        """
         weights = slot_weights(self.edges, self.area, triangle, tile, tiling, self.planes)
         return affine_weights(weights)
 
@@ -123,7 +127,10 @@ def surface_of(
     pyramid: TexturePyramid | None,
     filter: Filter,
 ) -> Surface:
-    """Collect the data of the triangles that shading needs."""
+    """Collect the data of the triangles that shading needs, as a `Surface`.
+
+    `pyramid` has the textures of the scene, None for a scene without any.
+    """
     area = materialized(functools.partial(twice_area, dtype=corners.color.dtype))(edges)
     return Surface(edges, area, planes, corners, texture, Textures.of(pyramid, filter), filter)
 
@@ -135,7 +142,7 @@ def count_channels(corners: CornerAttributes, textures: Textures | None) -> int:
 
 @materialized
 def gather_lanes(tree: Tree, lane: Int[Array, " gathered"]) -> Tree:
-    """Gather the lanes of these indices from a tree of arrays `[..., lanes]`.
+    """Gather the lanes with the indices `lane` from a tree of arrays `[..., lanes]`.
 
     A lane may be gathered several times.
     """
@@ -168,7 +175,7 @@ def surface_lanes(
 def _lane_weights(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Weights:
-    """Compute the terms of the barycentric weights in each lane."""
+    """Compute the terms of the barycentric weights in lanes, each a triangle in a tile."""
     return slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
 
 
@@ -200,15 +207,20 @@ def _choose_on_lanes(
     point: PerspectivePoint | None,
     tiling: Tiling,
 ) -> LevelsAndProbes:
-    """Choose mip levels and probes for each lane, and in perspective for one point of each lane."""
+    """Choose mip levels and probes for each lane, and in perspective for one point of each lane.
+
+    - `weights`: terms of the barycentric weights of each lane.
+    - `point`: the point of each lane in perspective; None otherwise.
+    """
     steps = (pixel_step(weights, 0, tiling), pixel_step(weights, 1, tiling))
     return choose_levels_and_probes(textures, steps, corners, texture, point)
 
 
 def pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
-    """Compute the change of the weights for a step of one pixel along x (axis 0) or y (axis 1).
+    """Compute the change of two weights for a step of one pixel along x (axis 0) or y (axis 1).
 
-    They are the barycentric weights of corners 1 and 2 on the screen.
+    They are the barycentric weights of corners 1 and 2 on the screen. `weights` has the terms from
+    which they are computed.
     """
     sample_step = weights.edges.right if axis == 0 else weights.edges.down
     step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]

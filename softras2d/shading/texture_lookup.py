@@ -1,4 +1,8 @@
-"""How a triangle looks up its texture at a point: mip levels, anisotropic probes, modulation."""
+"""How a triangle looks up its texture at a point: mip levels, anisotropic probes, modulation.
+
+A probe is one of several reads of a texture, spread over a pixel's footprint on the texture, of
+which the mean is taken (`level_of_detail`).
+"""
 
 import functools
 import operator
@@ -19,9 +23,11 @@ from .corner_attributes import CornerAttributes, CornerWeights
 class Textures(NamedTuple):
     """All textures of a scene, and how they are filtered.
 
-    - `texels`: RGBA of the pyramid, with an alpha of 1 if it has none. A row of four numbers is
-      gathered with one index: this is two to three times as fast as one gather for each channel,
-      and a little faster than rows of three.
+    - `pyramid`: the textures with their mip levels.
+    - `texels`: premultiplied RGBA of the pyramid, with an alpha of 1 if it has none. A row of four
+      numbers is gathered with one index: this is two to three times as fast as one gather for each
+      channel, and a little faster than rows of three.
+    - `filter`: how texels and mip levels are mixed.
     """
 
     pyramid: TexturePyramid
@@ -46,9 +52,10 @@ class Textures(NamedTuple):
         uv: Float[Array, "2 *points"],
         shown: Bool[Array, "*points"] | None = None,
     ) -> Float[Array, "*points 4"]:
-        """Read the chosen levels at each point, filtered within and between levels, as RGBA.
+        """Read the chosen levels at each point, filtered within and between levels.
 
-        The result is 0 where not `shown`; with None, all points are shown.
+        Returns premultiplied RGBA, which is 0 where not `shown`; with None, all points are shown.
+        `uv` are the texture coordinates of the points.
         """
         pyramid = self.pyramid
         lookup = Lookup(self.filter.pixel, pyramid.border, pyramid.addressing)
@@ -63,7 +70,7 @@ def _with_alpha(texels: Float[Array, "texels channels"]) -> Float[Array, "texels
 
 
 class LevelsAndProbes(NamedTuple):
-    """Mip levels from which a texture is read, and the probes at which it is read.
+    """Mip levels from which a texture is read, and the probes at which it is read, for each point.
 
     - `count`: number of probes, a whole number; None for a single probe.
     - `axis`: vector (u, v) over which the probes are evenly spread, where 1 is the extent of the
@@ -91,7 +98,8 @@ def choose_levels_and_probes(
 ) -> LevelsAndProbes:
     """Choose mip levels and probes from the derivative of (u, v) by the position on the screen.
 
-    - `steps`: change of the weights for a step along x, and for a step along y.
+    - `steps`: change of the weights for a step of one pixel along x, and for a step along y.
+    - `corners`: corner attributes of each lane's triangle.
     - `texture`: index of each lane's texture.
     - `point`: None where the map to the texture is affine, so that its derivative is the same at
       all points of a triangle.
@@ -109,8 +117,8 @@ def levels_and_probes_of(
 ) -> LevelsAndProbes:
     """Choose mip levels and probes from the change of (u, v) from pixel to pixel.
 
-    `x` and `y` are the changes for a step of one pixel along x and along y. `texture` is the index
-    of each lane's texture; the choice has no meaning where it is -1.
+    `x` and `y` are the changes of (u, v) for a step of one pixel along x and along y. `texture` is
+    the index of each lane's texture; the choice has no meaning where it is -1.
     """
     table = textures.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
@@ -130,9 +138,9 @@ def uv_derivative(
 ) -> Float[Array, "2 *points"]:
     """Compute the change of (u, v) for a step of one pixel, to first order.
 
-    In perspective it is evaluated at `point`. The derivative of a quotient u = U / Q is
-    (U' - u Q') / Q. It is summed over the corners as w_i' q_i (u_i - u), in which no large numbers
-    cancel.
+    `step` is the change of the weights of corners 1 and 2 for this step. In perspective the change
+    of (u, v) is evaluated at `point`. The derivative of a quotient u = U / Q is (U' - u Q') / Q. It
+    is summed over the corners as w_i' q_i (u_i - u), in which no large numbers cancel.
     """
     assert corners.uv is not None
     second, third = step
@@ -151,9 +159,10 @@ def uv_derivative(
 def probe_point(
     uv: Float[Array, "2 *points"], chosen: LevelsAndProbes, probe: Int[Array, ""]
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"] | None]:
-    """Compute (u, v) at which a probe reads, and the share of the probe in the mean.
+    """Compute the (u, v) at which one probe reads the texture, and the probe's share in the mean.
 
-    `probe` is the number of the probe, from 0. A share of None means 1.
+    `probe` is the number of the probe, from 0. `uv` is the point that is shaded. A share of None
+    means 1.
     """
     if chosen.count is None or chosen.axis is None:
         return uv, None
@@ -167,7 +176,10 @@ def _move_along_axis(
     axis: Float[Array, "2 *chosen"],
     probe: Int[Array, ""],
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"]]:
-    """Move (u, v) to a probe on the axis, and compute its share: 0 for a probe beyond `count`."""
+    """Move (u, v) to a probe on the axis, and compute its share: 0 for a probe beyond `count`.
+
+    `probe` is the number of the probe, from 0. The others are as in `LevelsAndProbes`.
+    """
     number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
     is_used = number < count
     offset = jnp.where(is_used, (number + 0.5) / count - 0.5, 0.0)
@@ -182,8 +194,8 @@ def modulate(
 ) -> Float[Array, "channels *points"]:
     """Multiply a premultiplied texel by a straight colour and by the share of a probe.
 
-    The result is premultiplied. A triangle without texture (-1) has texels of 1, so that it gets
-    its own colour, premultiplied, times the share.
+    The result is premultiplied. A triangle without texture (a `texture` of -1) has texels of 1, so
+    that it gets its own colour, premultiplied, times the share. A `share` of None means 1.
     """
     texel = jnp.where((texture < 0)[None], 1.0, texel)
     if color.shape[0] == 4 and texel.shape[0] == 3:

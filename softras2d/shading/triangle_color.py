@@ -1,7 +1,8 @@
 """Colour of a triangle at a point: flat or interpolated, times a texture.
 
 The last axis of arrays is `lanes`. A lane is a triangle in a tile, or in a pixel of a tile
-(`surface`). Shaded colours are premultiplied, `[channels, lanes]`.
+(`surface`). Shaded colours are premultiplied, `[channels, lanes]`. A texture may be read at several
+probes, whose contributions are added (`texture_lookup`).
 """
 
 import functools
@@ -25,7 +26,7 @@ def shade(
 ) -> Float[Array, "channels lanes"]:
     """Compute the premultiplied colour of each lane's triangle at one point per lane.
 
-    The contributions of all probes of the texture are summed.
+    The triangle need not cover the point. The contributions of all texture probes are summed.
     """
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
@@ -51,9 +52,9 @@ def add_shade(
     """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
     There are `surface.channels` channels and one point per lane. A `shown` of None adds everywhere.
-    With several probes only the contribution of the one with number `probe` is added; the caller
-    calls this for each of `0..surface.probes - 1`. The addition happens here so that the texels
-    read are not stored.
+    If textures are read at several probes, only the contribution of the probe with number `probe`
+    is added; the caller calls this for each of `0..surface.probes - 1`. The addition happens here
+    so that the texels read are not stored.
     """
     weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)
     choose = level_chooser(surface, lanes, weights, tiling)
@@ -64,7 +65,10 @@ def add_shade(
 def _weights_at(
     weights: Weights, inverse_w: Float[Array, "3 lanes"] | None, points: Points
 ) -> CornerWeights:
-    """Compute the barycentric weights at points: in space with `inverse_w`, else on the screen."""
+    """Compute the barycentric weights at points: in space with `inverse_w`, else on the screen.
+
+    `weights` has the terms from which the weights are computed.
+    """
     on_screen = _screen_weights_at(weights, points)
     if inverse_w is None:
         return on_screen
@@ -73,7 +77,7 @@ def _weights_at(
 
 @materialized
 def _screen_weights_at(weights: Weights, points: Points) -> CornerWeights:
-    """Compute the barycentric weights on the screen at points."""
+    """Compute the barycentric weights on the screen at points, from their terms `weights`."""
     count, across, down = points
     if count is None:
         return weight_sums(weights, jnp.ones_like(across), across, down)
@@ -93,9 +97,10 @@ def add_color(
     shown: Bool[Array, "*points"] | None = None,
     probe: Int[Array, ""] | int = 0,
 ) -> Float[Array, "channels *points"]:
-    """Add the premultiplied colour to `total`, from the weights of the corners at each point.
+    """Add the premultiplied colour at each point to `total`, from the weights of the corners there.
 
     - `weights`: barycentric weights at each point, on the triangle in space.
+    - `corners`: corner attributes of the triangle of each lane.
     - `texture`, `textures`: index of each triangle's texture, and all textures; None without any.
     - `choose`: maps (u, v) to the mip levels and probes of the lookup there.
     - `shown`, `probe`: as in `add_shade`.
@@ -136,9 +141,11 @@ def _add_textured(
     *,
     channels: int,
 ) -> Float[Array, "channels *points"]:
-    """Add the product of texels and a straight colour to `total` where `shown`.
+    """Premultiply the product of texels and a straight colour, and add it to `total` where `shown`.
 
-    Only the first `channels` of a texel's RGBA are used.
+    - `texel`: premultiplied RGBA, of which the first `channels` are used.
+    - `texture`: index of each lane's texture, -1 for none.
+    - `share`: share of the probe in the mean of all probes; None means 1.
     """
     texel = jnp.moveaxis(texel, -1, 0)[:channels]
     return _add_where(total, shown, modulate(color, texel, texture, share))
@@ -149,5 +156,5 @@ def _add_where(
     shown: Bool[Array, "*points"] | None,
     color: Float[Array, "channels *#points"],
 ) -> Float[Array, "channels *points"]:
-    """Add a colour to `total` where `shown`; None adds it everywhere."""
+    """Add a premultiplied colour to `total` where `shown`; a `shown` of None adds it everywhere."""
     return total + (color if shown is None else jnp.where(shown[None], color, 0.0))

@@ -1,7 +1,9 @@
 """Read a texture at a point: a mix of the texels around it, in one mip level or two.
 
-**Gradients** with respect to u and v are the derivatives of the mix, see `texel_filters`. On a
-clamped border they are the limit from inside, and beyond it they are zero.
+A tap is one of the texels that are mixed.
+
+**Gradients** with respect to u and v are the derivatives of the mix (`texel_filters`). On a clamped
+border they are the limit from inside, and beyond it they are zero.
 """
 
 import functools
@@ -18,7 +20,7 @@ from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 
 
 class Lookup(NamedTuple):
-    """Static settings of a texture lookup.
+    """Static settings of a texture lookup: how texels are mixed, and what lies beyond the border.
 
     - `pixel`: `Filter.pixel`.
     - `border`, `addressing`: as in `TexturePyramid`.
@@ -40,7 +42,7 @@ class Lookup(NamedTuple):
 
 
 class Taps(NamedTuple):
-    """The texels around each point that a filter mixes, along u and along v.
+    """The texels around each point that a filter mixes, along u and along v, in one mip level.
 
     - `texels`: one entry for each tap, with terms of an index for u and for v. The texel of tap i
       along u and tap j along v has the index `texels[i][0] + texels[j][1]` in the pyramid.
@@ -65,7 +67,7 @@ class LevelTaps(NamedTuple):
 
 
 def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
-    """Compute the taps at the texture coordinates `uv` in the chosen levels."""
+    """Find the texels to mix at the texture coordinates `uv`, in the chosen mip levels."""
     taps = materialized(functools.partial(_taps, lookup=lookup))
     fine = taps(levels.fine, uv)
     if levels.coarse is None:
@@ -80,9 +82,11 @@ def read_levels(
     filter: AbstractTexelFilter,
     shown: Bool[Array, "*points"] | None = None,
 ) -> Float[Array, "*points 4"]:
-    """Gather the texels of the taps and mix them within and between levels.
+    """Gather the texels of the taps, and mix them within each level and between two levels.
 
-    The result is 0 where not `shown`; with None, all points are shown.
+    - `texels`: the texels of the pyramid as RGBA.
+    - `filter`: the filter that mixes texels along each axis.
+    - `shown`: the result is 0 where this is false; with None, all points are shown.
     """
     mixed = _read(texels, taps.fine, filter)
     if taps.coarse is not None and taps.fraction is not None:
@@ -95,7 +99,7 @@ def read_levels(
 def _read(
     texels: Float[Array, "texels 4"], taps: Taps, filter: AbstractTexelFilter
 ) -> Float[Array, "*points 4"]:
-    """Gather the texels of the taps of one level and mix them."""
+    """Gather the texels of the taps of one level, and mix them along u and then along v."""
 
     def gather(u: Array, v: Array) -> Array:
         # Indices are in range for finite points, and XLA clamps the indices of a NaN. Unsigned
@@ -118,7 +122,7 @@ def _mix(values: list[Array], weights: tuple[Array, ...]) -> Array:
 
 
 def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
-    """Compute the taps in one level, with the filter, border and addressing of `lookup`."""
+    """Find the texels to mix in one mip level at the texture coordinates `uv`."""
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1
 
@@ -151,7 +155,8 @@ def _neighbor(
 ) -> Int[Array, "2 *points"]:
     """Find the texel that lies `offset` texels after another, by the rule for the border.
 
-    `last` is the index of the last texel along the axis.
+    `texel` and the result are indices along u and along v. `last` is the index of the last texel
+    along each axis.
     """
     neighbor = texel + offset
     # `texel` is -1..last if periodic, else 0..last - 1, or 0..last for a single tap. A small
@@ -174,7 +179,7 @@ def _neighbor(
 def _texel_position(uv: Array, size: Array, lookup: Lookup) -> Float[Array, "2 *points"]:
     """Convert texture coordinates to positions along each axis, where texel i lies at i.
 
-    `size` is the number of texels along the axis.
+    `size` is the number of texels along each axis.
     """
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)

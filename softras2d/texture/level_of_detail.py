@@ -1,7 +1,8 @@
 """Choose the mip level that a sample reads, from the footprint of a pixel on the texture.
 
 The footprint is the Jacobian of the map from the screen to the texture, in texels of the base level
-for a step of one pixel, whatever the number of samples per pixel.
+for a step of one pixel, whatever the number of samples per pixel. A probe is one of several reads,
+evenly spread over the longer axis of the footprint's ellipse, whose mean is taken.
 
 **Source:** Williams, *Pyramidal Parametrics* (SIGGRAPH 1983), for the pyramid; Heckbert, *Survey of
 Texture Mapping* (IEEE CG&A 6(11), 1986), for the choice of a level by the longer side; McCormack et
@@ -44,7 +45,7 @@ class Footprint(NamedTuple):
 
 
 class Probes(NamedTuple):
-    """Level of detail and probes with which a footprint is read.
+    """Level of detail at which a footprint is read, and the probes at which it is read.
 
     - `level`: the level of detail, 0 for the base level, including the bias; not clamped.
     - `count`: number of probes, evenly spread over the major axis; None for a single probe.
@@ -59,7 +60,12 @@ class Probes(NamedTuple):
 
 
 def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
-    """Compute the level of detail and the probes of a footprint, as `filter` says."""
+    """Compute the level of detail and the probes of a footprint.
+
+    The footprint's entries are in texels of the base level per pixel. `filter` gives the bias of
+    the level and the greatest number of probes (`anisotropy`). With an anisotropy of 1, the level
+    without bias is log2 of the longer of the changes along x and along y.
+    """
     # With this bound fourth powers stay finite in float32; no texture is as large.
     u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
     across, down = u_x * u_x + v_x * v_x, u_y * u_y + v_y * v_y
@@ -92,18 +98,18 @@ def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
 
 
 def _half_log2(square: Float[Array, "*points"]) -> Float[Array, "*points"]:
-    """Compute log2 of the square root of `square`.
+    """Compute log2 of a length from its square, `square`.
 
-    Up to `_POINT` it is a large negative constant, with zero gradient.
+    For squares up to `_POINT` it is a large negative constant, with zero gradient.
     """
     extended = square > _POINT
     return jnp.where(extended, 0.5 * jnp.log2(jnp.where(extended, square, 1.0)), -1e4)
 
 
 class Level(NamedTuple):
-    """One mip level of a texture: `height` x `width` texels, row after row.
+    """One mip level of the texture of each point: `height` x `width` texels, row after row.
 
-    `offset` is the index of the first of them in `TexturePyramid.texels`.
+    `offset` is the index of the level's first texel in `TexturePyramid.texels`.
     """
 
     offset: Int[Array, "*points"]
@@ -112,7 +118,7 @@ class Level(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The one level that is read, or the two levels that are mixed.
+    """The one mip level that is read at each point, or the two levels that are mixed.
 
     - `fine`: the only level, or the finer one.
     - `coarse`, `fraction`: the coarser level and its weight, 0..1; None for one level.
@@ -150,7 +156,7 @@ def choose_levels(
 
 @functools.partial(materialized, static_argnames=("last",))
 def _nearest_level(level_of_detail: Float[Array, "*points"], last: int) -> Int[Array, "*points"]:
-    """Round the level of detail to the nearest of the levels 0 to `last`, and halves up."""
+    """Round the level of detail to the nearest of the levels 0 to `last`; halves are rounded up."""
     return jnp.floor(_clamp(level_of_detail, last) + 0.5).astype(jnp.int32)
 
 
@@ -158,7 +164,10 @@ def _nearest_level(level_of_detail: Float[Array, "*points"], last: int) -> Int[A
 def _level_below(
     level_of_detail: Float[Array, "*points"], last: int
 ) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
-    """Find the finer of the two levels that are mixed, and the weight of the coarser one."""
+    """Find the index of the finer of the two levels that are mixed, and the weight of the coarser.
+
+    The level of detail is clamped to 0..`last`.
+    """
     level_of_detail = _clamp(level_of_detail, last)
     lower = jnp.minimum(jnp.floor(level_of_detail), last - 1.0)
     return lower.astype(jnp.int32), level_of_detail - lower

@@ -1,4 +1,4 @@
-"""Mip pyramids: every level of every texture in one stacked array with an offset table."""
+"""Mip pyramids: every level of every texture in one array, with a table of where each begins."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -118,13 +118,16 @@ def _image(image: Any, index: int) -> Any:
 
 
 def _decode(image: Any) -> Any:
-    """Convert the colours of an image from sRGB to linear light; alpha stays."""
+    """Convert the colours of an image from sRGB to linear light; alpha stays unchanged."""
     xp = image.__array_namespace__()
     return xp.concat([srgb_to_linear(image[..., :3]), image[..., 3:]], axis=-1)
 
 
 def _with_channels(image: Any, channels: int) -> Any:
-    """Premultiply an image; give it `channels` channels by appending an alpha of 1 if need be."""
+    """Premultiply an image of straight colours, and give it `channels` channels.
+
+    If alpha is missing, an alpha of 1 is appended.
+    """
     if image.shape[-1] == channels or image.shape[-1] == 4:
         return premultiply(image)
     xp = image.__array_namespace__()

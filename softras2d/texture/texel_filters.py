@@ -16,12 +16,12 @@ from ..names import PixelFilter
 
 
 class AbstractTexelFilter(eqx.Module):
-    """Weights of the texels around a position along one axis, on which texel i lies at i.
+    """Interface: weights of the texels around a position on an axis where texel i lies at i.
 
     For a position, let `start = floor(position + shift)`.
 
     - `taps`: number of neighbouring texels that are mixed.
-    - `first`: index of the first of them, minus `start`.
+    - `first`: index of the first of these texels, minus `start`.
     - `shift`: the shift in `start`, in texels.
     """
 
@@ -33,8 +33,9 @@ class AbstractTexelFilter(eqx.Module):
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
         """Compute the weight of each tap, in order; the weights add up to 1.
 
-        `fraction` is `position - start`, 0..1, and 1 only at the last texel of a clamped border.
-        The gradient of the filtered texture by the position follows from their derivatives.
+        `fraction` is `position - start`, in 0..1, and 1 only at the last texel of a clamped border.
+        The gradient of the filtered texture by the position follows from the derivatives of the
+        weights.
         """
 
 
@@ -51,7 +52,7 @@ class Nearest(AbstractTexelFilter):
 
 
 class Bilinear(AbstractTexelFilter):
-    """Linear interpolation between the texels on both sides.
+    """Linear interpolation between the texels on both sides of the position.
 
     At a texel's centre, where the mix has a kink, the gradient is the one to the right.
     """
