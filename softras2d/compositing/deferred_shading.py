@@ -146,7 +146,10 @@ def _add_to_pixels(
 def _pixel_index(
     tile: Int[Array, " slots"], fragments: Fragments, tiling: Tiling
 ) -> Int[Array, " fragments"]:
-    """Compute the index of each fragment's pixel in a flat array `[tiles, fields, word_rows]`."""
+    """Compute the index of each fragment's pixel in a flat array `[tiles, fields, word_rows]`.
+
+    This is the layout of unpacked arrays (`Packing`), and `tile` is the tile of each slot.
+    """
     packing = Packing.of(tiling.grid.rate)
     field, word = fragments.column // packing.words, fragments.column % packing.words
     word_row = word * tiling.height + fragments.row
@@ -158,5 +161,5 @@ def _pixel_index(
 def _scatter_add(
     channel: Float[Array, " fragments"], pixel: Int[Array, " fragments"], pixels: int
 ) -> Float[Array, " pixels"]:
-    """Sum one channel over the fragments of each pixel."""
+    """Sum one channel over the fragments of each pixel; `pixel` is the pixel of each fragment."""
     return jnp.zeros(pixels, channel.dtype).at[pixel].add(channel, mode="drop")

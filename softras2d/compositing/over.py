@@ -73,6 +73,7 @@ def _composite(
 
 @_composite.defjvp
 def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    """Compute `_composite` and its jvp by colours; the vjp is `over_gradient.color_gradient`."""
     colors, surface, pairs, blocks = jax.lax.stop_gradient(primals)
 
     def forward(fixed: Any, change: Array) -> Array:
@@ -193,7 +194,7 @@ def to_image(
 ) -> Float[Array, "height width channels"]:
     """Average the samples of each pixel, crop to the canvas, and composite over the background.
 
-    - `sums`: premultiplied RGBA, summed over the samples of each pixel.
+    - `sums`: premultiplied RGBA, summed over the samples of each pixel, as from `composite`.
     - `background`: RGB, or premultiplied RGBA; the image has as many channels.
     """
     split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)

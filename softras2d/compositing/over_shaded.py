@@ -113,7 +113,10 @@ def _sum_visible(
     *,
     tiling: Tiling,
 ) -> Float[Array, "width lines"]:
-    """Sum transmittance times one premultiplied channel over the covered samples of each pixel."""
+    """Sum transmittance times one premultiplied channel over the covered samples of each pixel.
+
+    A sample is covered if its bit in `words` is set.
+    """
     return sum_where_covered(words, transmittance * channel, tiling)
 
 

@@ -84,7 +84,7 @@ def layer_of_block(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> Layer:
-    """Gather one layer of a block of tiles.
+    """Gather one layer of a block of tiles: one entry from the list of each tile.
 
     - `pair`: index in the tile lists of the entry of each tile.
     - `is_valid`: whether the tile's list has this entry; if not, the layer covers nothing there.
@@ -214,7 +214,10 @@ def bit_of_samples(
 def all_bits(
     words: UInt32[Array, "sub_rows lines"], tiling: Tiling, dtype: Any
 ) -> Float[Array, "*samples"]:
-    """1 where a sample is covered, else 0, for all samples of a block."""
+    """1 where a sample is covered, else 0, for all samples of a block.
+
+    `words` are the coverage words, one for each sub-row of each line.
+    """
     rate = tiling.grid.rate
     column = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(rate)
     position = jnp.arange(rate, dtype=jnp.uint32)[:, None] + column[None]

@@ -115,6 +115,7 @@ def with_boundary_term(
 
 @functools.partial(with_boundary_term.defjvp, symbolic_zeros=True)
 def _(shape, primals, tangents):
+    """Add the boundary term to the tangent of `image`: the jvp of `with_boundary_term`."""
     image, *rest = primals
     total, velocity, depth_tangent = (
         None if isinstance(tangent, SymbolicZero) else tangent for tangent in tangents[:3]

@@ -32,7 +32,7 @@ so the samples outside the edge of a run lie in one tile or in two."""
 
 
 class Sample(NamedTuple):
-    """Column and row of samples on the canvas, each from 0; both arrays have the same shape."""
+    """Samples as column and row on the canvas, each from 0; both arrays have the same shape."""
 
     column: Int[Array, "lines runs"]
     row: Int[Array, "lines runs"]

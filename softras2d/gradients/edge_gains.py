@@ -61,11 +61,11 @@ class EdgeLayer(NamedTuple):
 
 
 class EdgeGain(NamedTuple):
-    """The colour that the triangle of each edge would add at the sample outside.
+    """The colour that the edge's triangle would add at the sample outside, for each crossing.
 
     - `gain`: change of the premultiplied colour of the sample outside if the edge's triangle
-      covered it too. The layers in front of the triangle dim it. It is 0 where the triangle would
-      fail the depth test.
+      covered it too, dimmed by the layers in front. It is 0 where the triangle would fail the depth
+      test.
     - `covers_inside`, `covers_outside`: whether the triangle covers the sample inside or outside,
       and passes the depth test there.
     """

@@ -40,7 +40,7 @@ class LayerMasks(NamedTuple):
 
     @property
     def max_list_length(self) -> int:
-        """Length of the longest list that the planes can hold."""
+        """Length of the longest tile list that the planes can hold."""
         return PLANE * self.masks.shape[0]
 
 
@@ -91,7 +91,10 @@ def _gather_plane(
 def _transpose(
     words: UInt32[Array, "bits tile_rows"], *, columns: int
 ) -> UInt32[Array, "columns tile_rows"]:
-    """Transpose 32 coverage words, one for each entry, to masks, one for each column of samples."""
+    """Transpose coverage words of 32 list entries to layer masks, one for each column.
+
+    Bit c of the word of entry b becomes bit b of the mask of column c.
+    """
     column = jnp.arange(columns, dtype=jnp.uint32)[:, None]
     bits = [
         ((words[entry][None] >> column) & jnp.uint32(1)) << jnp.uint32(entry)
@@ -102,7 +105,7 @@ def _transpose(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAddress:
-    """Compute the `SampleAddress` of samples on the canvas."""
+    """Compute the `SampleAddress` of samples, which are given by column and row on the canvas."""
     tile, word_index, column = address(sample, tiling)
     tile_rows = masks.masks.shape[2]
     mask_index = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
@@ -158,7 +161,7 @@ def find_in_lists(
 
 @materialized
 def count_planes(masks: LayerMasks) -> Int[Array, ""]:
-    """Number of planes that the longest list needs, but no more than `masks` has."""
+    """Number of planes of 32 entries that the longest list needs, at most those of `masks`."""
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
     return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
 
@@ -183,7 +186,10 @@ def bits_before(
 
 
 def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32[Array, "*samples"]:
-    """Mask, in the plane of number `plane`, of the list entry at `position`; 0 in other planes."""
+    """Mask, in the plane of number `plane`, of the list entry at `position`; 0 in other planes.
+
+    The position counts the entries of a tile's list from 0.
+    """
     bit = position - plane * PLANE
     is_in_plane = (bit >= 0) & (bit < PLANE)
     shifted = jnp.uint32(1) << jnp.clip(bit, 0, PLANE - 1).astype(jnp.uint32)

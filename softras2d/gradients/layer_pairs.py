@@ -353,6 +353,6 @@ def _add_layer(
 def _over_behind(
     layers: _Layers, background: Float[Array, " channels"]
 ) -> Float[Array, "channels lanes"]:
-    """Compute the colour with the triangle minus the colour without it, from all its layers."""
+    """Compute each sample's colour with the triangle of `_Layers` minus its colour without it."""
     under = layers.behind + layers.behind_transmittance[None] * background[:, None]
     return layers.in_front[None] * (layers.color - layers.alpha[None] * under)

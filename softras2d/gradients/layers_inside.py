@@ -54,8 +54,9 @@ class InsideState(NamedTuple):
     """What the visits to the samples inside have found, for every crossing.
 
     - `in_front`: transmittance of the visited layers in front of the edge's triangle. Where both
-      samples are in one tile, these do not cover the sample outside.
-    - `covers`: whether the edge's triangle covers the sample inside and passes the depth test.
+      samples are in one tile, only layers that do not cover the sample outside are visited.
+    - `covers`: whether the edge's triangle covers the sample inside and passes the depth test
+      there.
     """
 
     in_front: Float[Array, " crossings"]

@@ -54,7 +54,8 @@ class OpaquePairs(PairSearch):
     ) -> tuple[SamplePairs, Int[Array, ""]]:
         """Keep the candidates at which another triangle is visible at the second sample.
 
-        Arguments and results are as in `PairSearch.pairs`.
+        This triangle must be able to cover the first sample too. Arguments and results are as in
+        `PairSearch.pairs`.
         """
         front, tiling = self.samples.front, self.tiling
         decode = materialized(functools.partial(_decode, tiling=tiling))
@@ -66,7 +67,7 @@ class OpaquePairs(PairSearch):
         return keep(candidates, before, after_slot, front.chunks.triangle, self.samples.covered)
 
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
-        """The colour visible at the second sample minus the colour visible at the first."""
+        """The colour visible at the second sample minus the colour visible at the first sample."""
         colors, tiling = self.samples.colors, self.tiling
         first, second = (
             colors.at_each(triangle, sample, tiling)

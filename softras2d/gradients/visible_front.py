@@ -202,7 +202,7 @@ def _or_background(
     triangle: Int[Array, "*samples"],
     background: Float[Array, " channels"],
 ) -> Float[Array, "channels *samples"]:
-    """Replace the colour by the background where `triangle` is -1."""
+    """Replace `color` by the background where `triangle` is -1."""
     return jnp.where((triangle < 0)[None], background[:, None, None], color)
 
 

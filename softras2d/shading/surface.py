@@ -107,7 +107,7 @@ class Surface(NamedTuple):
 class Lanes(NamedTuple):
     """The data of a surface gathered for lanes; the last axis of every entry is `lanes`.
 
-    - `weights`: terms of the barycentric weights.
+    - `weights`: terms of the barycentric weights of the lane's triangle in its tile.
     - `corners`, `texture`: as in `Surface`, for the triangle of each lane.
     - `levels_and_probes`: mip levels and probes of the texture lookup, if they are the same at all
       points of a lane. None in perspective, and for a scene without textures.

@@ -43,7 +43,7 @@ class Textures(NamedTuple):
 
     @property
     def channels(self) -> int:
-        """Number of channels of the pyramid: three, or four with alpha."""
+        """Number of channels of the textures: three, or four with alpha."""
         return self.pyramid.channels
 
     def read(

@@ -55,10 +55,10 @@ class Taps(NamedTuple):
 
 
 class LevelTaps(NamedTuple):
-    """Taps in one level, or in two levels that are mixed.
+    """The texels to mix at each point, in one mip level or in two levels that are mixed in turn.
 
-    - `fine`: the only level, or the finer one.
-    - `coarse`, `fraction`: the coarser level and its weight, 0..1; None for one level.
+    - `fine`: taps in the only level, or in the finer one.
+    - `coarse`, `fraction`: taps in the coarser level, and its weight, 0..1; None for one level.
     """
 
     fine: Taps

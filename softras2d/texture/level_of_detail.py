@@ -32,7 +32,9 @@ _ROUNDING = 2.0**-10
 
 
 class Footprint(NamedTuple):
-    """Footprint of a pixel: texels of the base level along u and v, for a step of one pixel.
+    """Footprint of a pixel: how far a step of one pixel on the screen moves on the texture.
+
+    Entries are in texels of the base level.
 
     - `u_x`, `v_x`: change along u and v for a step along x.
     - `u_y`, `v_y`: change along u and v for a step along y.
