@@ -1,14 +1,14 @@
 """The interior term: how colours inside a triangle change when its vertices move.
 
 Corner j of a triangle lies at v_j, and its barycentric weight w_j is affine on the screen. Fix a
-point x = sum_k w_k v_k. When the corners move by dv_k, the weights at x change by -grad w_j . sum_k
-w_k dv_k. So an attribute with corner values c_j, whose gradient on the screen is g = sum_j c_j grad
-w_j, changes at x by -sum_k w_k (g . dv_k). This change is itself an interpolation, of the corner
-values -g . dv_k. So it is enough to give the corner values the derivative -g . dv_k: everything
-that is interpolated from them then has the right derivative.
+point x = sum_k w_k v_k. When the corners move by dv_k, the weights at x change by
+-grad w_j . sum_k w_k dv_k. So an attribute with corner values c_j, whose gradient on the screen is
+g = sum_j c_j grad w_j, changes at x by -sum_k w_k (g . dv_k). This change is itself an
+interpolation, of the corner values -g . dv_k. So it is enough to give the corner values the
+derivative -g . dv_k: everything that is interpolated from them then has the right derivative.
 
-In perspective, with q_k = `inverse_w` of corner k, the attribute is the quotient of sum_k w_k q_k
-c_k and sum_k w_k q_k, both of which are affine on the screen. Then
+In perspective, with q_k = `inverse_w` of corner k, the attribute is the quotient of
+sum_k w_k q_k c_k and sum_k w_k q_k, both of which are affine on the screen. Then
 
     dq_k = -sum_j q_j (grad w_j . dv_k),    dc_k = -sum_j (q_j / q_k) (c_j - c_k) (grad w_j . dv_k).
 """

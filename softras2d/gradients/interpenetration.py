@@ -9,9 +9,9 @@ The line passes between two neighbouring samples if both triangles cover both sa
 front at the first sample, the other at the second. Let f be the depth of the triangle that is in
 front at the first sample, minus the depth of the triangle that is in front at the second. The line
 lies where f = 0, and moves at -(df/dtime) / (df/dx) along x, which stands for the axis along which
-f changes faster. At a fixed point of the screen, the depth of a triangle changes by sum_k w_k (dz_k
-- grad z . dv_k), where w_k are the weights of the corners there, z_k their depths and v_k their
-positions. This change, and so the change of the image, is linear in dz_k and dv_k.
+f changes faster. At a fixed point of the screen, the depth of a triangle changes by
+sum_k w_k (dz_k - grad z . dv_k), where w_k are the weights of the corners there, z_k their depths
+and v_k their positions. This change, and so the change of the image, is linear in dz_k and dv_k.
 
 The pairs of neighbouring samples are found (`sample_pairs`) and processed in blocks, so that no
 list of all pairs is stored.

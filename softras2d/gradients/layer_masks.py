@@ -136,7 +136,7 @@ def find_in_lists(
     *,
     max_list_length: int,
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
-    """Find one triangle for each sample in the list of one tile for each sample.
+    """Look up one triangle in the list of one tile, for each sample.
 
     Returns the number of entries in the list that are drawn after the triangle, and whether the
     entry that follows them is the triangle itself. Lists are in descending order of triangle
@@ -177,8 +177,8 @@ def bits_before(
 ) -> UInt32[Array, "*samples"]:
     """Mask, in the plane of number `plane`, of the list entries before the entry at `position`.
 
-    The position counts the entries of a tile's list from 0. Bit b of the mask is entry 32 plane +
-    b.
+    The position counts the entries of a tile's list from 0. Bit b of a mask in plane p stands for
+    entry 32 p + b.
     """
     count = jnp.clip(position - plane * PLANE, 0, PLANE).astype(jnp.uint32)
     below_bits = (jnp.uint32(1) << jnp.minimum(count, jnp.uint32(PLANE - 1))) - jnp.uint32(1)
