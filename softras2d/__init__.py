@@ -150,6 +150,7 @@ __all__ = [
 
 
 def __getattr__(name: str):
+    """Load a public name or module on its first use, and keep it in this module (PEP 562)."""
     if name in _PUBLIC_MODULES:
         # The import system makes it an attribute of this module, so this runs once.
         return import_module(f".{name}", __name__)
@@ -161,4 +162,5 @@ def __getattr__(name: str):
 
 
 def __dir__() -> list[str]:
+    """List the public names, also those that have not been loaded yet."""
     return sorted(__all__)

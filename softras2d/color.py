@@ -9,10 +9,10 @@ import numpy as np
 
 
 def premultiply(pixels: Any, axis: int = -1) -> Any:
-    """Multiply colours by their alpha, the last of four channels along `axis`.
+    """Multiply red, green and blue by alpha, which is the last of four channels along `axis`.
 
-    Pixels with any other number of channels are opaque and are returned unchanged. The inverse is
-    `unpremultiply`.
+    Alpha itself stays the same. An array with another number of channels along `axis` has no alpha:
+    it is opaque, and is returned unchanged. The inverse is `unpremultiply`.
     """
     if pixels.shape[axis] != 4:
         return pixels
@@ -22,10 +22,10 @@ def premultiply(pixels: Any, axis: int = -1) -> Any:
 
 
 def unpremultiply(pixels: Any) -> Any:
-    """Divide colours by their alpha, the last of four channels along the last axis.
+    """Divide red, green and blue by alpha, which is the last of four channels along the last axis.
 
-    The colour is 0, with zero gradient, where alpha is 0. Pixels with any other number of channels
-    are opaque and are returned unchanged.
+    Alpha itself stays the same. Where alpha is 0, the colour is 0, with zero gradient. An array
+    with another number of channels has no alpha: it is opaque, and is returned unchanged.
     """
     if pixels.shape[-1] != 4:
         return pixels
@@ -38,10 +38,10 @@ def unpremultiply(pixels: Any) -> Any:
 
 
 def srgb_to_linear(values: Any) -> Any:
-    """Convert sRGB values to linear values; 0 and 1 stay the same.
+    """Convert sRGB values to linear values; -1, 0 and 1 stay the same.
 
-    Negative values are converted like positive ones and keep their sign. Above 1 the curve is
-    continued.
+    A negative value -v becomes minus the linear value of v. Above 1 the formula for 0..1 is
+    continued. Alpha must not be among the values.
 
     **Source:** IEC 61966-2-1; the extension beyond 0..1 as in CSS Color 4, section 10.2.
     """
@@ -56,7 +56,7 @@ def srgb_to_linear(values: Any) -> Any:
 
 
 def linear_to_srgb(values: Any) -> Any:
-    """Convert linear values to sRGB values: the inverse of `srgb_to_linear`."""
+    """Convert linear values to sRGB values, as the inverse of `srgb_to_linear`."""
     xp = values.__array_namespace__()
     magnitude = xp.abs(values)
     is_dark = magnitude <= 0.04045 / 12.92

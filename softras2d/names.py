@@ -34,7 +34,11 @@ LossSpace = Literal["display", "linear"]
 
 
 def check_name(argument: str, value: object, names: Any) -> None:
-    """Raise `ValueError` unless `value` is one of `names`, a `Literal` of this module."""
+    """Raise `ValueError` unless `value` is one of the names that the type `names` lists.
+
+    - `argument`: name of the caller's argument, for the message.
+    - `names`: a `Literal` of this module, such as `FillRule`.
+    """
     allowed = get_args(names)
     if value not in allowed:
         listed = ", ".join(map(repr, allowed))

@@ -24,8 +24,8 @@ SAMPLES = (1, 4, 9, 16, 64, 256)
 class Hard(eqx.Module):
     """Exact supersampling: integer arithmetic decides whether each sample is inside.
 
-    - `samples`: samples per pixel: 1, 4, 9, 16, 64 or 256. With S of them along a side, sample i of
-      a row lies at (i + 1/2) / S pixel (`geometry.fixed_point`).
+    - `samples`: samples per pixel: 1, 4, 9, 16, 64 or 256. They form a regular grid. With S samples
+      along the side of a pixel, sample i of a row lies (i + 1/2) / S pixels from the pixel's left.
     - `fill_rule`: with `"inclusive"`, a triangle covers every sample of its closed area. With
       `"top_left"`, a sample on a shared edge belongs to one of the two triangles, and triangles of
       zero area cover nothing.
@@ -51,7 +51,7 @@ class Hard(eqx.Module):
 
     @property
     def rate(self) -> int:
-        """Number of samples along a side of a pixel."""
+        """Number of samples along a side of a pixel, the square root of `samples`."""
         return {1: 1, 4: 2, 9: 3, 16: 4, 64: 8, 256: 16}[self.samples]
 
     def describe(self) -> str:
@@ -62,17 +62,18 @@ class Hard(eqx.Module):
 class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
-    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %; a pixel's box
-      filter has 0.8. It is an array leaf of a plan, so a new value does not recompile, but it may
-      not exceed the `max_width` for which the plan was made.
+    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %. For comparison,
+      a box filter of one pixel has a width of 0.8. The width is an array leaf of a plan, so a new
+      value does not recompile, but it may not exceed the `max_width` for which the plan was made.
     - `profile`: `"logistic"`, a logistic function of the signed distance; `"softras"`, a logistic
       function of its square with the same sign, with derivative 0 on the edge itself; or
-      `"window"`, a smoothstep. All are 1/2 on the edge, and 0 and 1 beyond a finite distance: 1.38,
-      0.83 and 0.82 widths.
-    - `temperature`: how much nearer triangles outweigh deeper ones in scenes with depth, in units
-      of depth. A triangle that is deeper by the temperature has 1/e of the weight. Keep it near the
-      differences in depth: if it is far below them, the nearest triangle hides all others as far as
-      its coverage reaches, so that its outline swells. It is an array leaf too.
+      `"window"`, a smoothstep. All three are 1/2 on the edge. They are 0 outside and 1 inside from
+      a finite distance on: 1.38, 0.83 and 0.82 widths.
+    - `temperature`: a difference in depth, above 0, in the unit of `Scene.depth`. It decides how
+      much nearer triangles outweigh deeper ones in scenes with depth: a triangle that is deeper by
+      the temperature has 1/e of the weight. Keep it near the differences in depth of the scene. If
+      it is far below them, the nearest triangle hides all others as far as its coverage reaches, so
+      that its outline swells. The temperature is an array leaf of a plan, like the width.
     """
 
     width: int | float | Array = 1.0
@@ -96,9 +97,9 @@ class Soft(eqx.Module):
 class Area(eqx.Module):
     """Exact area of the intersection of triangle and pixel, in closed form.
 
-    - `compositing`: `"over"` blends in draw order; the background shows at the seams of adjacent
-      triangles. `"sum"` adds signed areas, which gives the exact image of triangles that cover the
-      plane without gap or overlap.
+    - `compositing`: `"over"` blends triangles in draw order; the background then shows faintly at
+      the seams of adjacent triangles. `"sum"` adds colours times signed areas, which gives the
+      exact image of triangles that cover the plane without gap or overlap.
     """
 
     compositing: AreaCompositing = eqx.field(static=True, default="over")
@@ -123,13 +124,15 @@ class Filter(eqx.Module):
     """How textures are sampled.
 
     - `pixel`: within a mip level, the `"nearest"` texel or `"bilinear"` between four.
-    - `level`: level `"zero"`, the `"nearest"` level, or `"linear"` between two.
+    - `level`: mip level `"zero"` alone, the `"nearest"` level to the level of detail, or a
+      `"linear"` blend of the two levels next to it.
     - `anisotropy`: maximum number of probes along the longer axis of the footprint, 1..16. 1 is
       isotropic, which blurs a stretched texture.
-    - `lod_bias`: number of levels added to the level of detail, which is chosen for the footprint
-      of a pixel. With S samples along the side of a pixel, -log2 S chooses the level for the
-      footprint of one sample, as all samples of the pixel are averaged anyway. It is an array leaf
-      of a plan, so a new value does not recompile.
+    - `lod_bias`: number of levels that is added to the level of detail. By default the level of
+      detail is that of the footprint of a pixel. With S samples along the side of a pixel, a bias
+      of -log2 S chooses the level for the footprint of one sample, which gives a sharper image, as
+      the samples of the pixel are averaged anyway. The bias is an array leaf of a plan, so a new
+      value does not recompile.
     """
 
     pixel: PixelFilter = eqx.field(static=True, default="bilinear")

@@ -182,10 +182,11 @@ _FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
 
 
 def check_types(scene: Scene) -> None:
-    """Raise `ValueError` for dtypes that cannot be drawn, also while tracing.
+    """Raise `ValueError` unless floats are float32 or float64, and indices integers.
 
-    Half precision can represent neither the sample grid nor the sums over a triangle's pixels.
-    Integer colours would be interpreted as values in 0..1.
+    Dtypes are known while tracing too, so they are also checked there. Half precision can represent
+    neither the sample grid nor the sums over a triangle's pixels. Integer colours would be
+    interpreted as values in 0..1.
     """
     arrays = {name: getattr(scene, name) for name in _FLOATING}
     indices = {"triangles": scene.triangles, "texture_index": scene.texture_index}
@@ -252,7 +253,7 @@ def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any)
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:
-    """Raise `ValueError` for a vertex index out of range, unless it is traced."""
+    """Raise `ValueError` for an index outside 0..`vertices` - 1; traced indices are not checked."""
     if isinstance(triangles, Tracer):
         return
     index = np.asarray(triangles)
@@ -262,7 +263,7 @@ def _check_indices(triangles: Any, vertices: int) -> None:
 
 
 def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
-    """Raise `ValueError` for a texture index out of range, unless it is traced."""
+    """Raise `ValueError` for indices outside -1..`textures.count` - 1, unless traced."""
     if isinstance(texture_index, Tracer):
         return
     index, last = np.asarray(texture_index), textures.count - 1
@@ -291,14 +292,18 @@ def _gather(colors: Any, triangles: Any) -> Any:
 
 
 def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
-    """Move `prepared` to the device, or reuse the JAX array `given`, from which it was made."""
+    """Convert an array to a JAX array of `dtype`, or of its own dtype if `dtype` is None.
+
+    `prepared` was made from the caller's value `given`. If that is a JAX array of the same shape,
+    it is used instead, so that no copy is needed.
+    """
     if isinstance(given, jax.Array) and given.shape == prepared.shape:
         return to_device(given, dtype or prepared.dtype)
     return to_device(prepared, dtype)
 
 
 def _background(value: Any, dtype: Any) -> Any:
-    """Check and convert a background colour; None is white."""
+    """Check a background colour, and convert it to `dtype`; None stands for white."""
     if value is None:
         return np.ones(3, dtype)
     background = _colors("background", value, dtype)
@@ -338,7 +343,7 @@ def _integers(name: str, value: Any) -> Any:
 
 
 def _colors(name: str, value: Any, dtype: Any) -> Any:
-    """Convert colours as `_floats` does; raise `ValueError` for integers that can only be bytes."""
+    """Convert colours as `_floats` does; raise `ValueError` for integers that must be bytes."""
     array = _numbers(name, value)
     refuse_integer_bytes(f"`{name}`", array)
     return _floats(name, array, dtype)

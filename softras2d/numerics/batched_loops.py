@@ -20,11 +20,12 @@ State = TypeVar("State")
 def repeat(
     count: Int[Array, ""], step: Callable[[Int[Array, ""], State], State], state: State
 ) -> State:
-    """Compute `state = step(number, state)` for the numbers 0, 1, ... below `count`.
+    """Apply `state = step(number, state)` for the numbers 0, 1, ..., `count` - 1.
 
-    Returns the last state. In a batch, `step` is also called with numbers of `count` or more, if
-    another element needs more steps, and must then return the state unchanged. Not differentiable
-    in reverse mode, like every loop whose number of steps is a value.
+    Returns the state after the last step. Under `jax.vmap` every element of the batch takes as many
+    steps as the element with the greatest `count`. So `step` is also called with numbers of `count`
+    or more, and must then return the state unchanged. Not differentiable in reverse mode, like
+    every loop whose number of steps is a value.
     """
     return jax.lax.fori_loop(0, greatest_of_batch(count), step, state)
 
@@ -34,8 +35,9 @@ def apply_if_any(
 ) -> State:
     """Return `function(state)` if the condition is true for any element of a batch, else `state`.
 
-    In a batch it is applied to all elements if to any. The elements whose condition is false must
-    not be changed by it.
+    Under `jax.vmap` the function is applied to all elements of the batch as soon as one element's
+    condition is true. So it must not change the state of an element whose condition is false.
+    Outside a batch this is `jax.lax.cond`.
     """
     is_needed = greatest_of_batch(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
     return jax.lax.cond(is_needed, function, lambda state: state, state)
@@ -43,9 +45,9 @@ def apply_if_any(
 
 @jax.custom_batching.custom_vmap
 def greatest_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
-    """Return the number; in a batch, the greatest number of all elements, the same for each.
+    """Return the greatest number in the batch; without `jax.vmap`, the number itself.
 
-    Not differentiable: apply it to integers.
+    The result is the same for all elements of the batch. Not differentiable: apply it to integers.
     """
     return number
 

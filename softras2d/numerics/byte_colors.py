@@ -49,7 +49,7 @@ def warn_of_bytes(arrays: dict[str, Any]) -> None:
 
 
 def _look_like_bytes(colors: Any) -> bool:
-    """Whether all colours look like bytes, as `warn_of_bytes` says; false under a trace."""
+    """Whether colours look like bytes by the rule of `warn_of_bytes`; false under a trace."""
     if isinstance(colors, Tracer):
         return False
     rgb = np.asarray(colors)[..., :3]

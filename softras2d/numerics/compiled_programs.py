@@ -17,12 +17,12 @@ of a loop may compile many programs."""
 
 
 def drop_programs(max_maps: int | None = None) -> bool:
-    """Drop all compiled programs if the process has more than `max_maps` memory maps.
+    """Drop all compiled programs of JAX if the process has more than `max_maps` memory maps.
 
-    By default, `max_maps` is a share of the number that the system allows. Returns whether programs
-    were dropped. Call it in loops that compile again and again, between two steps and outside any
-    trace. Programs that are needed later are compiled again. On a system without such a limit it
-    does nothing and returns false.
+    By default, `max_maps` is 0.3 times (`_SHARE`) the number of maps that Linux allows a process.
+    Returns whether programs were dropped. Call it in loops that compile again and again, between
+    two steps and outside any trace. Programs that are needed later are compiled again. On other
+    systems than Linux it does nothing and returns false.
     """
     try:
         limit = int(_LIMIT.read_text())

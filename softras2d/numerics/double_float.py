@@ -32,7 +32,7 @@ def pair_of(x: Any) -> Pair:
 
 
 def sum_of(a: Any, b: Any) -> Pair:
-    """The exact sum of two floats, as a pair."""
+    """The exact sum of two floats, of any relative size, as a pair."""
     high = a + b
     rounded_b = high - a
     return high, (a - (high - rounded_b)) + (b - rounded_b)
@@ -41,7 +41,7 @@ def sum_of(a: Any, b: Any) -> Pair:
 def product_of(a: Any, b: Any) -> Pair:
     """The exact product of two floats, as a pair.
 
-    Both are below 2^100 in size, so that no part overflows.
+    Both factors must be below 2^100 in size: larger ones overflow when they are split.
     """
     high = a * b
     (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
@@ -50,26 +50,27 @@ def product_of(a: Any, b: Any) -> Pair:
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """The sum of two pairs."""
+    """The sum of two pairs, to double-float precision."""
     high, low = sum_of(a[0], b[0])
     return _normalized(high, low + (a[1] + b[1]))
 
 
 def subtract(a: Pair, b: Pair) -> Pair:
-    """The difference of two pairs."""
+    """The difference `a` - `b` of two pairs, to double-float precision."""
     return add(a, (-b[0], -b[1]))
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """The product of two pairs, each below 2^100 in size."""
+    """The product of two pairs, to double-float precision; both are below 2^100 in size."""
     high, low = product_of(a[0], b[0])
     return _normalized(high, low + (a[0] * b[1] + a[1] * b[0]))
 
 
 def divide(a: Pair, b: Pair) -> Pair:
-    """The quotient of two pairs, for a divisor whose `high` is not zero.
+    """The quotient `a` / `b` of two pairs, for a divisor whose `high` is not zero.
 
-    Divisor and quotient must be below 2^100 in size, as they are multiplied.
+    Divisor and quotient must be below 2^100 in size, because the remainder is computed from their
+    product.
     """
     high = a[0] / b[0]
     remainder = subtract(a, multiply(pair_of(high), b))
@@ -82,7 +83,7 @@ def cross(a: Point, b: Point) -> Pair:
 
 
 def scale(a: Pair, power_of_two: Any) -> Pair:
-    """Multiply a pair by a power of two, which is exact."""
+    """Multiply a pair by a power of two; the result is exact."""
     return a[0] * power_of_two, a[1] * power_of_two
 
 
@@ -93,16 +94,17 @@ def choose(condition: Any, a: Pair, b: Pair) -> Pair:
 
 
 def _normalized(high: Any, low: Any) -> Pair:
-    """Make the pair of value `high` + `low`, whose `high` is this sum rounded to a float.
+    """Make the pair whose value is the sum of the floats `high` and `low`.
 
-    The given `low` must be the smaller in size.
+    The `high` of the result is this sum rounded to a float, and its `low` the rounding error. The
+    argument `low` must not be larger in size than the argument `high`.
     """
     total = high + low
     return total, low - (total - high)
 
 
 def _halves(x: Any) -> Pair:
-    """Split x into two floats of half its digits each, whose sum is exactly x."""
+    """Split x into two floats, each with half of its binary digits, whose sum is exactly x."""
     digits = np.finfo(x.dtype).nmant + 1
     spread = x * (2.0 ** (digits - digits // 2) + 1.0)
     high = spread - (spread - x)

@@ -61,17 +61,19 @@ _linear_map = Primitive("linear_map")
 
 
 def _run(x, *leaves, pair: _MapAndTranspose):
-    """Compute the value. The primitive is lowered by tracing this function."""
+    """Compute the value of the map at x. The primitive is lowered by tracing this function."""
     return pair.forward(x, *leaves)
 
 
 def _shape(x, *leaves, pair: _MapAndTranspose):
+    """Shape and dtype of the result."""
     arguments = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (x, *leaves)]
     out = jax.eval_shape(pair.forward, *arguments)
     return ShapedArray(out.shape, out.dtype)
 
 
 def _jvp(primals, tangents, *, pair: _MapAndTranspose):
+    """Differentiate the map: by x, which is the map itself, and by `fixed`, which is autodiff."""
     x, *leaves = primals
     x_tangent, *leaf_tangents = tangents
     out = _linear_map.bind(x, *leaves, pair=pair)
@@ -94,6 +96,7 @@ def _jvp(primals, tangents, *, pair: _MapAndTranspose):
 
 
 def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
+    """Apply the map with `forward` and `backward` exchanged; leaves of `fixed` get no cotangent."""
     assert ad.is_undefined_primal(x) and not any(map(ad.is_undefined_primal, leaves))
     no_cotangents = [None] * len(leaves)
     if type(cotangent) is ad.Zero:
@@ -103,6 +106,7 @@ def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
 
 
 def _batch(arguments, axes, *, pair: _MapAndTranspose):
+    """Bind the batched map to arguments whose batch axis has been moved to the front."""
     x, *leaves = arguments
     size = next(a.shape[d] for a, d in zip(arguments, axes, strict=True) if d is not None)
     x = batching.bdim_at_front(x, axes[0], size)

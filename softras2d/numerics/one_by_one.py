@@ -43,16 +43,17 @@ _one_by_one.multiple_results = True
 
 
 def _run(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
-    """Compute the value. The primitive is lowered by tracing this function."""
+    """Compute the function's value. The primitive is lowered by tracing this function."""
     return jaxpr_as_fun(jaxpr)(*leaves)
 
 
 def _shapes(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
+    """Shapes and dtypes of the results."""
     return jaxpr.out_avals
 
 
 def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[Any]]:
-    """Differentiate the traced function; where it was batched, it holds a `jax.lax.map` by now."""
+    """Differentiate the traced function by those inputs whose tangents are not symbolic zeros."""
     active = [i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero]
 
     def by_active(*values: Any) -> list[Any]:
@@ -65,6 +66,7 @@ def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any],
 
 
 def _batch(arguments: Any, axes: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[int]]:
+    """Map the function over the elements of a batch, one after another."""
     moved = [
         argument if axis is None else jnp.moveaxis(argument, axis, 0)
         for argument, axis in zip(arguments, axes, strict=True)

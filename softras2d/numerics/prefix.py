@@ -19,17 +19,17 @@ _ROW = 64
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Sum of all entries up to and including each entry, modulo 2^32."""
+    """Inclusive prefix sum: entry i of the result is x[0] + ... + x[i], modulo 2^32."""
     return _scan(x, jnp.add)
 
 
 def list_flagged(
     flags: Bool[Array, " n"], *, capacity: int
 ) -> tuple[Int[Array, " capacity"], Int[Array, ""]]:
-    """List the indices of the flags that are true, in order; also return their number.
+    """List the indices of the flags that are true, in ascending order, and count them.
 
-    Entries of the list after the last index are `n`, the number of flags. `capacity`, the length of
-    the list, must be `n` or more.
+    Returns the list, of length `capacity`, and the number of true flags. Entries of the list after
+    the last index are `n`, the number of all flags. `capacity` must be `n` or more.
     """
     size = flags.shape[0]
     end = cumulative_sum(flags.astype(jnp.int32))
@@ -39,12 +39,18 @@ def list_flagged(
 
 
 def cumulative_max(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Maximum of all entries up to and including each entry, for entries of 0 or more."""
+    """Inclusive prefix maximum: entry i of the result is the greatest of x[0], ..., x[i].
+
+    All entries must be 0 or more.
+    """
     return _scan(x, jnp.maximum)
 
 
 def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
-    """Combine all entries up to and including each entry by `join`, whose neutral element is 0."""
+    """Inclusive prefix scan: combine the entries x[0], ..., x[i] by `join`, for every i.
+
+    `join` is associative and elementwise, and its neutral element is 0.
+    """
     count = x.shape[0]
     rows = -(-count // _ROW)
     table = jnp.pad(x, (0, rows * _ROW - count)).reshape(rows, _ROW)
@@ -54,10 +60,10 @@ def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
 
 
 def _scan_rows(table: Array, join: Callable[[Array, Array], Array]) -> Array:
-    """Scan each row in doubling steps.
+    """Inclusive prefix scan of each row of a table, in doubling steps.
 
-    Each entry is combined with the entry 1 before it, then with the entry 2 before it, then 4, and
-    so on.
+    Each entry of a row is combined with the entry 1 before it, then with the entry 2 before it,
+    then 4, and so on.
     """
     length = table.shape[1]
     zeros = jnp.zeros_like(table)

@@ -26,11 +26,14 @@ def visit_selected(
     visit: Callable[[Int[Array, " group"], State], State],
     state: State,
 ) -> State:
-    """Compute `state = visit(lanes, state)` for one group of selected lanes after another.
+    """Apply `state = visit(lanes, state)` to one group of selected lanes after another.
 
-    `lanes` has the indices of `_GROUP` selected lanes. In the last group unused entries are one
-    past the last lane: `visit` should gather with the mode "clip", and write with "drop". Returns
-    the last state.
+    - `selected`: whether each lane needs work.
+    - `visit`: gets the indices of `_GROUP` selected lanes. In the last group, unused entries are
+      the index one past the last lane: `visit` should gather with the mode "clip", and write with
+      "drop".
+
+    Returns the state after the last group.
     """
     capacity = selected.size + -selected.size % _GROUP
     indices, count = materialized(functools.partial(list_flagged, capacity=capacity))(selected)
