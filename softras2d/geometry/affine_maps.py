@@ -9,34 +9,37 @@ import numpy as np
 
 
 def identity() -> np.ndarray:
-    """The map that leaves every point in place."""
+    """Matrix of the map that leaves every point in place."""
     return np.eye(3)
 
 
 def translate(x: float, y: float = 0.0) -> np.ndarray:
-    """Move by (x, y)."""
+    """Matrix of the map that moves every point by (x, y)."""
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
 def scale(x: float, y: float | None = None) -> np.ndarray:
-    """Scale about the origin, along x by `x` and along y by `y`, or along both by `x` alone."""
+    """Matrix of the map that multiplies x coordinates by `x`, and y coordinates by `y`.
+
+    Without `y`, both are multiplied by `x`.
+    """
     return np.diag([x, x if y is None else y, 1.0])
 
 
 def rotate(degrees: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    """Rotate about (x, y), clockwise on a screen whose y points down."""
+    """Matrix of a rotation about the point (x, y), clockwise on a screen whose y points down."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return translate(x, y) @ rotation @ translate(-x, -y)
 
 
 def skew_x(degrees: float) -> np.ndarray:
-    """Shear along x: x grows by y tan(degrees)."""
+    """Matrix of a shear along x, which adds y tan(degrees) to x."""
     return np.array([[1.0, np.tan(np.radians(degrees)), 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def skew_y(degrees: float) -> np.ndarray:
-    """Shear along y: y grows by x tan(degrees)."""
+    """Matrix of a shear along y, which adds x tan(degrees) to y."""
     return skew_x(degrees).T
 
 
@@ -46,7 +49,7 @@ def matrix(a: float, b: float, c: float, d: float, e: float, f: float) -> np.nda
 
 
 def check_map(map3: Any) -> np.ndarray:
-    """Convert to a 3x3 float64 map; raise `ValueError` unless it is finite and invertible."""
+    """Convert a matrix to float64; raise `ValueError` unless it is 3x3, finite and invertible."""
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
         raise ValueError(f"`transform` must be a 3x3 matrix; got shape {map3.shape}.")
@@ -56,7 +59,10 @@ def check_map(map3: Any) -> np.ndarray:
 
 
 def _equilibrated(map3: np.ndarray) -> np.ndarray:
-    """Scale rows, then columns, to a largest entry of 1, so that no unit makes a map singular."""
+    """Scale the rows of a matrix, then its columns, so that the largest entry of each is 1.
+
+    Whether the result is singular then does not depend on the unit of the map's coordinates.
+    """
     for axis in (1, 0):
         largest = np.abs(map3).max(axis, keepdims=True)
         map3 = map3 / np.where(largest > 0, largest, 1.0)

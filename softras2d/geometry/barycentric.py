@@ -26,19 +26,22 @@ from .wrapped_value import WrappedValue
 
 
 class Weights(NamedTuple):
-    """Numbers from which the weights of corners 1 and 2 are computed, for each slot.
+    """Numbers from which the barycentric weights of corners 1 and 2 are computed, for each slot.
 
-    A weight is `per_value` times the edge value, plus `offset`, or else the value of `plane`.
+    A slot is a triangle in a tile. For a triangle within the guard band, the weight of a corner at
+    a sample is `per_value` times the value of the opposite edge function there, plus `offset`. For
+    a triangle that reaches past the band it is the value of `plane`. `weights_at` and `weight_sums`
+    evaluate the weights.
 
-    - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, side by side as
-      `[2, *slots]`. Samples are counted from the first sample of the slot's tile.
-    - `per_value`: one over twice the area, in units of the edge value; 0 without area.
-    - `offset`: 1/3 for triangles without area, which take the mean of their corners; else 0.
+    - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, as one `Edge`
+      of arrays `[2, *slots]`. Samples are counted from the first sample of the slot's tile.
+    - `per_value`: one over the result of `twice_area`; 0 for triangles without area.
+    - `offset`: 1/3 for triangles without area, so that all corners have equal weights; else 0.
     - `plane`: weights of triangles past the guard band, as affine functions in floats. The first
       axis has the weight at the tile's first sample, its step right and its step down; the second
       has corners 1 and 2. None if no triangle can be past the band.
-    - `is_far`: whether the slot's triangle is past the guard band, so that `plane` holds its
-      weights. None where `plane` is.
+    - `is_far`: whether the slot's triangle reaches past the guard band, so that `plane` holds its
+      weights. None if `plane` is None.
     """
 
     edges: Edge
@@ -58,9 +61,10 @@ class Weights(NamedTuple):
 
 
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
-    """Twice the area of each triangle, to within a few roundings.
+    """Twice the area of each triangle, accurate to within a few roundings.
 
-    It is in units of the edge value, 2^-bits / rate square pixels with the fields of `Grid`.
+    It is the sum of the three edge functions, in their unit, which is 2^-bits / rate square pixels
+    with the fields of `Grid`. It has no meaning for triangles past the guard band.
     """
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
@@ -76,10 +80,11 @@ def slot_weights(
     tiling: Tiling,
     planes: WeightPlanes | None = None,
 ) -> Weights:
-    """Gather the terms of the weights for slots, each of which is a triangle in a tile.
+    """Gather the `Weights` of slots, each of which is a triangle in a tile.
 
-    - `area`: the result of `twice_area`.
-    - `triangle`, `tile`: index of both, for each slot.
+    - `edges`: the edge functions of all triangles, with samples counted from the canvas's first.
+    - `area`: the result of `twice_area` for all triangles.
+    - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     - `planes`: weights of triangles past the guard band; None if no triangle can be there.
     """
     column, row = tiling.first_sample(tile)
@@ -98,14 +103,18 @@ def slot_weights(
 
 
 class AffineWeights(NamedTuple):
-    """Numbers from which the weights of corners 1 and 2 at single samples of a tile are computed.
+    """Numbers from which `weights_at` computes the weights of corners 1 and 2 at single samples.
 
-    A weight is `scale * (start + right * column + down * row) + offset`, with an exact integer in
-    the brackets. The edge value is this integer plus a multiple of 2^31 plus a fraction. `offset`
-    is the contribution of the multiple and the fraction to the weight, plus `Weights.offset`. The
-    first axis of `start`, `right`, `down` and `offset` has corners 1 and 2.
+    A weight at the sample in this column and row of the slot's tile is
+    `scale * (start + right * column + down * row) + offset`, where the sum in brackets is an exact
+    integer. For triangles past the guard band it is the value of `plane` instead. The first axis of
+    `start`, `right`, `down` and `offset` has corners 1 and 2.
 
+    - `start`, `right`, `down`: integers of the edge function opposite the corner. The edge value at
+      the tile's first sample is `start` plus a multiple of 2^31 plus a fraction
+      (`WrappedValue.split`).
     - `scale`: `Weights.per_value`.
+    - `offset`: `scale` times this multiple and this fraction, plus `Weights.offset`.
     - `plane`, `is_far`: as in `Weights`.
     """
 
@@ -119,7 +128,10 @@ class AffineWeights(NamedTuple):
 
 
 def affine_weights(weights: Weights) -> AffineWeights:
-    """Convert terms for `weights_at`, which is faster than `weight_sums` for single samples."""
+    """Convert `Weights` to the form that `weights_at` takes, for evaluation at single samples.
+
+    `weights_at` is faster there than `weight_sums`.
+    """
     edges, scale, dtype = weights.edges, weights.per_value, weights.per_value.dtype
     start, multiple = WrappedValue(edges.start, edges.estimate).split()
     offset = (multiple.astype(dtype) + edges.fraction) * scale[None] + weights.offset[None]
@@ -131,10 +143,11 @@ def affine_weights(weights: Weights) -> AffineWeights:
 def weights_at(
     terms: AffineWeights, column: Int[Array, "*#shape"], row: Int[Array, "*#shape"]
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Weights of corners 1 and 2 at single samples of a tile.
+    """Evaluate the barycentric weights of corners 1 and 2 at single samples of a tile.
 
-    `column` and `row` count samples from the tile's first one. The results equal the sums of
-    `weight_sums` with a count of 1, up to a rounding.
+    `column` and `row` count samples from the tile's first one. The weights may lie outside 0..1 at
+    samples outside the triangle, except for triangles past the guard band, where they are clamped.
+    The results equal the sums of `weight_sums` with a count of 1, up to a rounding.
     """
     dtype = terms.scale.dtype
     weights = []
@@ -154,10 +167,13 @@ def interpolate_corners(
     second_weight: Float[Array, "*#shape"],
     third_weight: Float[Array, "*#shape"],
 ) -> Float[Array, "*#shape"]:
-    """Interpolate values between three corners, by the weights of corners 1 and 2.
+    """Interpolate between the values of three corners, by their barycentric weights.
 
-    The weight of corner 0 is 1 minus both. Where all corners have the same value, the result is
-    exactly that value.
+    - `corners`: the values of corners 0, 1 and 2, along the first axis.
+    - `second_weight`, `third_weight`: weights of corners 1 and 2. The weight of corner 0 is 1 minus
+      these two.
+
+    Where the three corners have the same value, the result is exactly that value.
     """
     interpolated = corners[0] + second_weight * (corners[1] - corners[0])
     return interpolated + third_weight * (corners[2] - corners[0])
@@ -169,11 +185,17 @@ def weight_sums(
     across: Int[Array, "*#shape"],
     down: Int[Array, "*#shape"],
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"], Float[Array, "*#shape"]]:
-    """Sum the weight of each of the three corners over `count` samples of a tile, at most 256.
+    """Sum the barycentric weights of corners 0, 1 and 2 over a set of samples of a tile.
 
-    `across` is the sum of the samples' columns in the tile, and `down` the sum of their rows. The
-    slot axes of `weights` broadcast against them. Where the area is zero, each sum is `count` / 3.
-    For triangles past the guard band the mean weights of corners 1 and 2 are clamped to 0..1.
+    Weights are affine functions of the sample, so the sums follow from these three numbers:
+
+    - `count`: number of samples in the set, at most 256.
+    - `across`: sum of the samples' columns in the tile.
+    - `down`: sum of the samples' rows in the tile.
+
+    The slot axes of `weights` broadcast against `count`, `across` and `down`. For a triangle
+    without area each sum is `count` / 3. For triangles past the guard band the sums of corners 1
+    and 2 are clamped to 0..`count`.
     """
     dtype = weights.per_value.dtype
     number = count.astype(dtype)

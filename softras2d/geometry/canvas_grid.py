@@ -29,13 +29,19 @@ class Grid(NamedTuple):
 
     @staticmethod
     def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
-        """Choose the finest grid on which the canvas with its guard band spans at most 2^23 units.
+        """Choose the fixed-point grid and the guard band of a canvas.
 
-        The guard band is half the longer side wide, all around. `bits` asks for a coarser grid than
-        the finest that fits, such as the grid of a larger canvas which is drawn in pieces. The band
-        is then as wide as that grid allows, so that triangles of the larger canvas are not cut.
-        `rate` is the number of samples along the side of a pixel. Raises `ValueError` if the grid
-        would be coarser than 2^-8 pixel, or finer than what fits.
+        By default the guard band extends half the longer side beyond each side of the canvas, and
+        the grid unit is the finest power of two with which the canvas and its band together span at
+        most 2^23 units, but not finer than 2^-18 pixel (`MAX_GRID_BITS`).
+
+        - `height`, `width`: size of the canvas, in pixels, 1..16384.
+        - `rate`: number of samples along the side of a pixel.
+        - `bits`: asks for a grid unit of 2^-bits pixel instead, at least 8 and at most the default.
+          It may be the grid of a larger canvas that is drawn in pieces. The guard band is then made
+          so wide that the span is 2^23 units, so that few triangles of the larger canvas are cut.
+
+        Raises `ValueError` for arguments outside these ranges.
         """
         try:
             height, width = operator.index(height), operator.index(width)
@@ -67,18 +73,19 @@ class Grid(NamedTuple):
 
     @property
     def guard(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Corners (least x, least y) and (greatest x, greatest y) of the guard band.
+        """Limits of the guard band: (least x, least y) and (greatest x, greatest y).
 
-        They are in pixels from the canvas's upper left.
+        They are in pixels from the canvas's upper left, and include the canvas.
         """
         margin = self.margin
         return (-margin, -margin), (self.width + margin, self.height + margin)
 
 
 def to_grid(pixels: HostOrDeviceArray, grid: Grid, axis: int) -> HostOrDeviceArray:
-    """Round coordinates in pixels to grid units, after clamping them to the guard band.
+    """Convert coordinates from pixels to whole grid units of 2^-bits pixel, as int32.
 
-    `axis` is 0 for x coordinates and 1 for y coordinates.
+    Coordinates are first clamped to the guard band, and then rounded, halves to even. `axis` says
+    which coordinates `pixels` holds: 0 for x, 1 for y.
     """
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)

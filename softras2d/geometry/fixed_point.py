@@ -1,21 +1,28 @@
 """Vertices on a fixed-point grid, and edge functions that are exact in 32-bit integers.
 
-A coordinate v in pixels is snapped to the integer n = round(v 2^k), with k the same for every
-number of samples. Every decision about coverage is exact for the snapped triangle. With S samples
-along the side of a pixel, coordinates are counted in units of 1 / (S 2^k) pixel: in this unit the
-snapped coordinate is S n, and the sample in column or row i lies at (2i + 1) 2^(k-1).
+A coordinate v in pixels is snapped to the integer n = round(v 2^k). The number k of fractional
+bits, `Grid.bits`, depends on the size of the canvas and not on the number of samples. Every
+decision about coverage is exact for the snapped triangle. With S samples along the side of a pixel,
+the coordinates of points are counted in units of 1 / (S 2^k) pixel: in this unit the snapped
+coordinate is S n, and the sample in column or row i lies at (2i + 1) 2^(k-1).
 
-The edge function from corner p to corner q, dx (y - p_y) - dy (x - p_x), is positive inside a
-positively oriented triangle. From one sample to the next it changes by dx 2^k down and by -dy 2^k
-right, so its floor after division by 2^k, at the sample in column i and row j,
+The edge function from corner p to corner q is
+
+    dx (y - p_y) - dy (x - p_x),
+
+where (dx, dy) is the vector from p to q in grid units of 2^-k pixel. It is positive inside a
+positively oriented triangle. From a sample to the next one below it changes by dx 2^k, and to the
+next one to the right by -dy 2^k. It is therefore divided by 2^k and rounded down. The result at the
+sample in column i and row j,
 
     e(i, j) = offset - dy i + dx j,
 
-is negative at the same samples, steps by integers below 2^24, and leaves a remainder that is the
-same at all samples of the image. The integer e(i, j) is the *edge value* at sample (i, j), in units
-of 1 / (S 2^k) square pixels. The offset may need 43 bits. It is kept modulo 2^32 beside a float32
-estimate with an error below 2^20, as a `WrappedValue`, which recovers the sign and the value from
-both. Within a tile, a value beyond 2^30 cannot change sign: it may be clamped to that.
+is negative at the same samples as the edge function, and steps by integers below 2^24. The
+remainder of the division is the same at all samples of the image. The integer e(i, j) is the *edge
+value* at sample (i, j), in units of 1 / (S 2^k) square pixels. The offset may need 43 bits. It is
+kept modulo 2^32 beside a float32 estimate with an error below 2^20, as a `WrappedValue`, which
+recovers the sign and the value from these two numbers. Within a tile, an edge value beyond 2^30 in
+size cannot change its sign, so it may be clamped to +-2^30.
 
 Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
 counts on the host what a render does on the device.
@@ -37,13 +44,14 @@ class GridTriangles(NamedTuple):
     """The directed edges of each triangle, in grid units of 2^-bits pixel.
 
     - `x`, `y`: the point at which each edge starts.
-    - `dx`, `dy`: the vector from there to the point at which it ends.
+    - `dx`, `dy`: the vector from the start of each edge to its end.
     - `orientation`: sign of the area of the triangle as the scene gives it, -1, 0 or 1. The edges
       bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
-    - `left`, `right`, `top`, `bottom`: the bounding box; empty (`left > right`) for a triangle that
-      covers nothing because a corner is not finite.
-    - `fixed_sign`: 0 for an edge whose line is to be tested. Otherwise the sign that its edge
-      function has everywhere, so that all samples are inside (1) or outside (-1).
+    - `left`, `right`, `top`, `bottom`: the bounding box; empty (`left > right`) for padding
+      (`is_padding`) and for a triangle with a corner that is not finite.
+    - `fixed_sign`: 0 for an edge whose line decides which samples are inside. Otherwise the line is
+      ignored, and the edge function is this number everywhere, so that all samples are inside (1)
+      or outside (-1).
     """
 
     x: Int[HostOrDeviceArray, "3 triangles"]
@@ -59,14 +67,16 @@ class GridTriangles(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """One edge function of each triangle, positive inside, or several along further axes.
+    """One edge function of each triangle, or several edge functions along a leading axis.
 
-    All entries are in the unit of the edge value, which the module's docstring defines.
+    An edge function is affine on the screen, and positive inside the triangle. It is split into an
+    integer, the edge value, and a fraction. All entries are in the unit of the edge value, which is
+    1 / (rate 2^bits) square pixels with the fields of `Grid`.
 
     - `right`, `down`: change of the value from a sample to the next one to the right or below.
-    - `start`, `estimate`: the integer value at sample (0, 0), modulo 2^32 and as float32. They are
-      the two parts of a `WrappedValue`.
-    - `fraction`: the exact value minus the integer value, 0..1; the same at all samples.
+    - `start`, `estimate`: the edge value at sample (0, 0), modulo 2^32 and as float32. They are the
+      two fields of a `WrappedValue`.
+    - `fraction`: the exact edge function minus the edge value, 0..1; the same at all samples.
     """
 
     right: Int[HostOrDeviceArray, "*triangles"]
@@ -80,16 +90,17 @@ class Edge(NamedTuple):
         return Edge(*(entry[index] for entry in self))
 
     def at(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> WrappedValue:
-        """The edge value at the sample in this column and row, without the fraction."""
+        """The edge value, an integer, at the sample in this column and row of the canvas."""
         start = WrappedValue(self.start, self.estimate)
         return start.moved((self.right, column), (self.down, row))
 
     def sum_over(
         self, count: HostOrDeviceArray, columns: HostOrDeviceArray, rows: HostOrDeviceArray
     ) -> WrappedValue:
-        """Sum of the edge values at `count` samples, without the fractions.
+        """Sum of the edge values, which are integers, over a set of samples.
 
-        `columns` is the sum of the samples' columns, and `rows` the sum of their rows.
+        `count` is the number of samples in the set, 0..256, `columns` the sum of their columns, and
+        `rows` the sum of their rows.
         """
         start = WrappedValue(self.start, self.estimate)
         return start.times(count).moved((self.right, columns), (self.down, rows))
@@ -139,11 +150,11 @@ def corners_of(
     triangles: Int[HostOrDeviceArray, "triangles 3"],
     origin: Int[HostOrDeviceArray, "2"],
 ) -> Float[HostOrDeviceArray, "triangles 3 2"]:
-    """Gather the corners of triangles, in pixels from `origin`, the canvas's upper left.
+    """Gather the corners of triangles, in pixels from the canvas's upper left, without snapping.
 
-    The origin is subtracted in the dtype of the positions. A triangle that names one vertex three
-    times is padding (`size_classes.pad`). Its corners are NaN, so that it covers nothing in any
-    mode and its vertex gets no gradient from it.
+    `origin` is the point of the scene at the canvas's upper left, in whole pixels. It is subtracted
+    in the dtype of the positions. The corners of padding (`is_padding`) are NaN, so that it covers
+    nothing in any mode and its vertex gets no gradient from it.
     """
     xp = positions.__array_namespace__()
     corners = (positions - origin.astype(positions.dtype)[None])[triangles]
@@ -154,7 +165,7 @@ def corners_of(
 def is_padding(
     triangles: Int[HostOrDeviceArray, "*batch triangles 3"],
 ) -> Bool[HostOrDeviceArray, "*batch triangles"]:
-    """Whether each triangle names one vertex three times."""
+    """Whether each triangle is padding: it names one vertex three times, as `pad` appends it."""
     first, second, third = (triangles[..., corner] for corner in range(3))
     return (first == second) & (second == third)
 
@@ -162,10 +173,10 @@ def is_padding(
 class Corners(NamedTuple):
     """Corners of triangles, snapped to the grid, in pixels from the canvas's upper left.
 
-    - `high`, `low`: x and y of each corner are the exact sums of both. Within the guard band `low`
-      is zero.
-    - `finite`: false for a triangle that is padding, or has a corner that is not finite. Its
-      corners are (0, 0), and it covers nothing.
+    - `high`, `low`: x and y of each corner, each as a double float, whose value is the exact sum of
+      `high` and `low`. Within the guard band `low` is zero.
+    - `finite`: false for a triangle that is padding, or has a corner that is not finite. Such a
+      triangle has all corners at (0, 0), and covers nothing.
     """
 
     high: Float[HostOrDeviceArray, "triangles 3 2"]
@@ -179,10 +190,12 @@ def snapped_corners(
     origin: Int[HostOrDeviceArray, "2"],
     grid: Grid,
 ) -> Corners:
-    """Snap vertices to the grid, halves to even; subtract `origin` exactly; gather the corners.
+    """Snap vertices to the grid, subtract `origin`, and gather the corners of triangles.
 
-    As snapping comes first, canvases with equal grid bits see the same triangles whatever their
-    origins are. Floats beyond 2^30 pixels are multiples of the grid unit already.
+    Coordinates are rounded to multiples of 2^-bits pixel, halves to even. Then `origin`, the point
+    of the scene at the canvas's upper left, is subtracted exactly. As snapping comes first, two
+    canvases with equal grid bits have the same snapped triangles whatever their origins are. Floats
+    beyond 2^30 pixels are multiples of the grid unit already.
     """
     xp = positions.__array_namespace__()
     dtype = positions.dtype
@@ -202,9 +215,10 @@ def snapped_corners(
 
 
 class Snapped(NamedTuple):
-    """Corners in grid units, in the order in which the scene gives them.
+    """Corners of triangles in grid units, in the order in which the scene gives them.
 
-    `finite` is as in `Corners`.
+    - `x`, `y`: coordinates from the canvas's upper left, clamped to the guard band.
+    - `finite`: as in `Corners`.
     """
 
     x: Int[HostOrDeviceArray, "3 triangles"]
@@ -222,9 +236,10 @@ def snap(corners: Corners, grid: Grid) -> Snapped:
 
 
 def orient(snapped: Snapped) -> Int[HostOrDeviceArray, " triangles"]:
-    """Exact sign of the area of each triangle, -1, 0 or 1.
+    """Exact sign of the area of each snapped triangle, -1, 0 or 1.
 
-    It is 1 where corners 0, 1 and 2 follow each other clockwise on a screen whose y points down.
+    The sign is 1 where corners 0, 1 and 2 follow each other clockwise on a screen whose y points
+    down.
     """
     x, y, _ = snapped
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
@@ -235,7 +250,7 @@ def directed_triangles(
 ) -> GridTriangles:
     """Reorient triangles to positive area, and list their directed edges and bounding boxes.
 
-    `orientation` is the result of `orient`. All edges are to be tested (`fixed_sign` is 0).
+    `orientation` is the result of `orient`. `fixed_sign` of the result is 0 for all edges.
     """
     x, y, finite = snapped
     xp = x.__array_namespace__()
@@ -259,7 +274,10 @@ def directed_triangles(
 def reorient(
     corners: HostOrDeviceArray, orientation: Int[HostOrDeviceArray, " triangles"]
 ) -> HostOrDeviceArray:
-    """Exchange corners 1 and 2 of `[3, triangles]` where the orientation is negative."""
+    """Exchange the values of corners 1 and 2 of each triangle whose orientation is negative.
+
+    `corners` is `[3, triangles]`, one value for each corner, such as its x coordinate.
+    """
     xp = corners.__array_namespace__()
     return xp.where(
         (orientation < 0)[None], xp.stack([corners[0], corners[2], corners[1]]), corners
@@ -267,13 +285,13 @@ def reorient(
 
 
 def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
-    """Set up the three edge functions of each triangle, every entry `[3, triangles]`.
+    """Set up the three edge functions of each triangle, as one `Edge` of arrays `[3, triangles]`.
 
-    `fill_rule` is `Hard.fill_rule`. With `"top_left"`, an edge that goes up, or to the right along
-    a row, owns the samples that lie exactly on it. From the edge function of every other edge, an
-    integer, 1 is subtracted before it is divided by 2^k. The samples on the edge, where the
-    function is 0, are then outside. The edge functions of a triangle without area are -1
-    everywhere, so that it covers no sample.
+    `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples exactly on an edge are inside. With
+    `"top_left"`, they are inside only of an edge that goes up, or to the right along a row. From
+    the edge function of every other edge, which is an integer, 1 is then subtracted before it is
+    divided by 2^k, so that the samples on the edge are outside. The edge functions of a triangle
+    without area are -1 everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = grid_triangles[:4]
@@ -314,13 +332,13 @@ def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) ->
 
 
 def split_edges(edges: Edge) -> Edges:
-    """Split edge functions `[3, triangles]` into one `Edge` of `[triangles]` for each side."""
+    """Split an `Edge` of arrays `[3, triangles]` into edges 0, 1 and 2, of arrays `[triangles]`."""
     first, second, third = (edges.gather(k) for k in range(3))
     return first, second, third
 
 
 def sample_bounds(grid_triangles: GridTriangles, grid: Grid) -> SampleBounds:
-    """Find the samples of the canvas that lie in the bounding box of each triangle."""
+    """Find the columns and rows of samples in the bounding box of each triangle, on the canvas."""
     left, right = _sample_range(grid_triangles.left, grid_triangles.right, grid, grid.width)
     top, bottom = _sample_range(grid_triangles.top, grid_triangles.bottom, grid, grid.height)
     return SampleBounds(left, right, top, bottom)
@@ -332,10 +350,10 @@ def _sample_range(
     grid: Grid,
     pixels: int,
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
-    """First and last sample in `low..high` along one axis of the canvas.
+    """Index of the first and of the last sample in `low..high`, along one axis of the canvas.
 
-    `low` and `high` are in grid units; the axis is `pixels` pixels long. If there is no sample, the
-    first is greater than the last.
+    `low` and `high` are in grid units, and both ends are included. The canvas is `pixels` pixels
+    long along the axis. If it has no sample in the range, the first index is greater than the last.
     """
     xp = low.__array_namespace__()
     samples = grid.rate * pixels
@@ -347,16 +365,21 @@ def _sample_range(
 def last_sample_until(
     position: Int[HostOrDeviceArray, "*positions"], grid: Grid
 ) -> Int[HostOrDeviceArray, "*positions"]:
-    """Index of the last sample at or before a position, in grid units, along one axis.
+    """Index of the last sample at or before a position along one axis, x or y.
 
-    It is negative if there is none, and not limited to the canvas.
+    `position` is in grid units from the canvas's upper left. The index is negative if the position
+    lies before the first sample. It is not limited to the canvas.
     """
     # Sample i lies at (i + 1/2) / rate pixels, and a pixel has 2^bits grid units.
     return (grid.rate * position - (1 << (grid.bits - 1))) >> grid.bits
 
 
 def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
-    """Whether each triangle lies in the guard band, as one that is not finite is taken to do."""
+    """Whether all corners of each triangle lie in the guard band.
+
+    The result is also true for triangles that are not `Corners.finite`, as their corners are (0,
+    0).
+    """
     xp = corners.high.__array_namespace__()
     dtype = corners.high.dtype
     low, high = (xp.asarray(limits, dtype=dtype)[None, None] for limits in grid.guard)

@@ -44,11 +44,14 @@ A triangle with so small an area counts as one without area.
 
 
 class WeightPlanes(NamedTuple):
-    """Barycentric weights of corners 1 and 2 of triangles past the band, as affine functions.
+    """Barycentric weights of corners 1 and 2 of far triangles, as affine functions of the sample.
+
+    A triangle is far if it reaches past the guard band. The first axis has corners 1 and 2 of the
+    reoriented triangle.
 
     - `start`: the weights at sample (0, 0) of the canvas.
-    - `right`, `down`: their change from a sample to the next one to the right or below.
-    - `is_far`: whether a triangle is past the band; the other entries have no meaning where false.
+    - `right`, `down`: change of the weights from a sample to the next one to the right or below.
+    - `is_far`: whether each triangle is far. The other fields have no meaning where this is false.
     """
 
     start: Float[HostOrDeviceArray, "2 triangles"]
@@ -58,9 +61,10 @@ class WeightPlanes(NamedTuple):
 
 
 class FarTriangles(NamedTuple):
-    """All triangles, with exact corners for those past the band.
+    """Exact corners of the triangles that reach past the guard band, in arrays of all triangles.
 
-    - `is_far`: whether a triangle is past the band. Others have all corners at (0, 0).
+    - `is_far`: whether each triangle reaches past the band. Where this is false, all corners are
+      (0, 0), and the orientation is 0.
     - `orientation`: sign of the area of the triangle as the scene gives it; 0 without area.
     - `x`, `y`: corners in pixels, reoriented to positive area, as double floats `[3, triangles]`.
     """
@@ -72,7 +76,11 @@ class FarTriangles(NamedTuple):
 
 
 def far_triangles(corners: Corners, is_far: Bool[HostOrDeviceArray, " triangles"]) -> FarTriangles:
-    """Select the triangles that `is_far` names, reorient them, and compute their orientation."""
+    """Compute the orientation of the triangles where `is_far` is true, and reorient them.
+
+    `is_far` says which triangles reach past the guard band. A triangle whose area may be a rounding
+    error (`_AREA_ROUNDING`) has the orientation 0.
+    """
     xp = is_far.__array_namespace__()
     x, y = (
         (_select(is_far, corners.high, axis), _select(is_far, corners.low, axis)) for axis in (0, 1)
@@ -89,15 +97,19 @@ def _select(
     corners: Float[HostOrDeviceArray, "triangles 3 2"],
     axis: int,
 ) -> Float[HostOrDeviceArray, "3 triangles"]:
-    """Select x (axis 0) or y (axis 1) of the corners of triangles past the band; others get 0."""
+    """Select x (axis 0) or y (axis 1) of the corners; 0 for triangles that are not far."""
     xp = is_far.__array_namespace__()
     return xp.where(is_far[:, None], corners[:, :, axis], xp.zeros_like(corners[:, :, axis])).T
 
 
 def clip(far: FarTriangles, grid_triangles: GridTriangles, grid: Grid) -> GridTriangles:
-    """Cut the edges of triangles past the band to the band; keep the others from `grid_triangles`.
+    """Replace the edges of far triangles by edges that are cut to the guard band.
 
-    Bounding boxes are taken from `grid_triangles` for all triangles.
+    - `far`: the triangles that reach past the guard band, with exact corners.
+    - `grid_triangles`: all triangles, with the corners of far triangles clamped to the band.
+
+    Returns `grid_triangles` with new edges, orientation and `fixed_sign` for the far triangles. An
+    edge that stays away from the canvas gets a `fixed_sign`. Bounding boxes are not changed.
     """
     xp = far.orientation.__array_namespace__()
     start: Point = (far.x, far.y)
@@ -135,10 +147,10 @@ def clip(far: FarTriangles, grid_triangles: GridTriangles, grid: Grid) -> GridTr
 
 
 def far_weight_planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
-    """Compute the barycentric weights of triangles past the band as affine functions.
+    """Compute the barycentric weights of far triangles as affine functions of the sample.
 
-    In a triangle without area each corner weighs 1/3 everywhere. Other triangles get weights that
-    have no meaning.
+    In a far triangle without area each corner has the weight 1/3 everywhere. For triangles that are
+    not far, the result has no meaning.
     """
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
@@ -172,7 +184,7 @@ def far_weight_planes(far: FarTriangles, grid: Grid) -> WeightPlanes:
 
 
 def _next(corners: Pair) -> Pair:
-    """Return corners 1, 2 and 0, which are next after corners 0, 1 and 2."""
+    """Reorder `[3, triangles]` to corners 1, 2 and 0, which are the ends of edges 0, 1 and 2."""
     xp = corners[0].__array_namespace__()
     first, second = (xp.stack([entry[1], entry[2], entry[0]]) for entry in corners)
     return first, second
@@ -184,7 +196,10 @@ def _entry(corners: Pair, k: int) -> Pair:
 
 
 def _shrink(*values: Pair) -> HostOrDeviceArray:
-    """Largest power of two, at most 1, that scales all of `values` to below 2^30 in size."""
+    """For each entry, the largest power of two, at most 1, that scales `values` to below 2^30.
+
+    The power of two is the same for all of `values`, which are arrays of one shape.
+    """
     xp = values[0][0].__array_namespace__()
     largest = xp.abs(values[0][0])
     for value in values[1:]:
@@ -194,15 +209,15 @@ def _shrink(*values: Pair) -> HostOrDeviceArray:
 
 
 def _resized(point: Point, factors: tuple[HostOrDeviceArray, HostOrDeviceArray]) -> Point:
-    """Multiply x and y of a point by one power of two each."""
+    """Multiply x of a point by the first factor, and y by the second; both are powers of two."""
     return scale(point[0], factors[0]), scale(point[1], factors[1])
 
 
 def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, HostOrDeviceArray, HostOrDeviceArray]:
     """Scale each triangle along x and along y so that its coordinates are below 2^30 in size.
 
-    Returns the scaled x and y, and the factors along x and along y. Weights and signs of areas do
-    not depend on the factors.
+    Returns the scaled x and y, and the factors along x and along y, which are powers of two of at
+    most 1. Barycentric weights and the signs of areas do not depend on the factors.
     """
     xp = x[0].__array_namespace__()
     factors = []
@@ -218,8 +233,10 @@ def _scaled(x: Pair, y: Pair) -> tuple[Pair, Pair, HostOrDeviceArray, HostOrDevi
 
 
 def _area(x: Pair, y: Pair, *_: HostOrDeviceArray) -> tuple[Pair, HostOrDeviceArray]:
-    """Twice the signed area, and the sum of the absolute values of the products it subtracts.
+    """Twice the signed area of each triangle, and a scale for its rounding error.
 
+    The area is the difference of two products, and the second result is the sum of the absolute
+    values of these products. `x` and `y` are the coordinates of the corners, `[3, triangles]`.
     Further arguments are ignored, so that the result of `_scaled` can be passed as it is.
     """
     xp = x[0].__array_namespace__()
@@ -231,7 +248,10 @@ def _area(x: Pair, y: Pair, *_: HostOrDeviceArray) -> tuple[Pair, HostOrDeviceAr
 
 
 def _surrounds_center(far: FarTriangles, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
-    """Whether the centre of the canvas lies inside or on the edge of each triangle."""
+    """Whether the centre of the canvas lies inside each far triangle, or on its edge.
+
+    The result has no meaning for triangles that are not far.
+    """
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
     next_x, next_y = _next(x), _next(y)
@@ -247,12 +267,15 @@ def _near_canvas(
     end: tuple[HostOrDeviceArray, HostOrDeviceArray],
     grid: Grid,
 ) -> Bool[HostOrDeviceArray, "3 triangles"]:
-    """Whether each cut edge meets the canvas grown by a pixel, or by less if the band is narrow.
+    """Whether each cut edge meets the grown canvas.
 
-    `start` and `end` are x and y of the ends of the cut edges, `[3, triangles]` in pixels. Edges
-    that do not meet it bound nothing that is visible, and must not be used: the cut may leave a few
-    grid units of them, too short to have a meaningful direction. An edge that comes near the canvas
-    is long.
+    The grown canvas extends beyond the canvas on all sides by a pixel, or by a quarter of the
+    longer side if that is less, so that it stays within the guard band. `start` and `end` are x and
+    y of the ends of the cut edges, `[3, triangles]` in pixels.
+
+    An edge that does not meet the grown canvas bounds nothing that is visible, and must not be
+    used: the cut may leave a few grid units of it, too short to have a meaningful direction. An
+    edge that comes near the canvas is long.
     """
     xp = start[0].__array_namespace__()
     growth = min(1.0, max(grid.height, grid.width) / 4)
@@ -286,10 +309,11 @@ def _cut_axis(
     shrink: tuple[HostOrDeviceArray, HostOrDeviceArray],
     grid: Grid,
 ) -> tuple[Point, Point]:
-    """Cut the edges to the band along x (axis 0) or y (axis 1); return their new ends.
+    """Cut edges to the guard band along x (axis 0) or y (axis 1); return their new ends.
 
-    An edge that misses the band ends up outside it. Coordinates are in pixels times `shrink`, the
-    factors along x and y.
+    An end outside the band along this axis is moved to the point where the edge enters the band. An
+    edge that misses the band ends up outside it. `start` and `end` are the ends of each edge, in
+    pixels times `shrink`, the factors along x and along y.
 
     The axes are cut one after the other, and not by a common parameter: the needle from (1e20, 0)
     to (-1e20, 9) crosses the band within a parameter interval that float32 cannot tell from a
@@ -315,7 +339,7 @@ def _cut_axis(
     rise = subtract(away[1 - axis], near[1 - axis])
 
     def moved_into_band(point: Point) -> Point:
-        """Return the end point if it is in the band, else the point where the edge enters it."""
+        """Return an end of the edge if it is in the band, else where the edge enters the band."""
         coordinate = point[axis][0]
         is_outside = (coordinate < low) | (coordinate > high)
         wall = pair_of(xp.where(coordinate < low, low, high).astype(coordinate.dtype))

@@ -34,12 +34,12 @@ from .guard_band import WeightPlanes, clip, far_triangles, far_weight_planes
 class Projection(NamedTuple):
     """Triangles on the sample grid, reoriented to positive area.
 
-    - `corners`: snapped to the grid, in pixels, in the order in which the scene gives them. They
-      are not reoriented.
-    - `grid_triangles`: the edges in grid units. Where the triangle was cut at the guard band,
-      `grid_triangles.orientation` is still the sign of its area before the cut.
-    - `edges`: exact edge functions.
-    - `bounds`: the samples within the bounding box.
+    - `corners`: the snapped corners of each triangle, in pixels, in the order in which the scene
+      gives them. They are not reoriented, and not cut.
+    - `grid_triangles`: the directed edges in grid units. Where the triangle was cut at the guard
+      band, `grid_triangles.orientation` is still the sign of its area before the cut.
+    - `edges`: exact edge functions of edges 0, 1 and 2.
+    - `bounds`: the samples of the canvas within the bounding box.
     - `planes`: barycentric weights of triangles past the guard band; None if not asked for.
     - `is_far`: whether the triangle reaches past the guard band.
     """
@@ -65,6 +65,7 @@ def project(
 ) -> Projection:
     """Snap, orient and cut triangles, and set up their edge functions, for numpy and jax alike.
 
+    - `positions`, `triangles`: as in `Scene`.
     - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     - `fill_rule`: `Hard.fill_rule`.
     - `cut`: whether triangles past the guard band are cut to it; otherwise they are clamped to it.
@@ -94,9 +95,10 @@ def project(
 def _clip_selected(
     corners: Corners, grid_triangles: GridTriangles, selected: Int[np.ndarray, " far"], grid: Grid
 ) -> GridTriangles:
-    """Cut the triangles with these indices to the guard band, on the host.
+    """Cut the triangles with the indices `selected` to the guard band, on the host.
 
-    Few triangles of a large scene are far, and most of the time would be spent on the others.
+    Returns all triangles. Only the selected ones are processed, because few triangles of a large
+    scene reach past the band, and most of the time would be spent on the others.
     """
     if selected.size == 0:
         return grid_triangles
@@ -115,9 +117,10 @@ def _snap_stage(
     origin: HostOrDeviceArray,
     grid: Grid,
 ) -> tuple[Corners, Snapped, HostOrDeviceArray]:
-    """Snap corners to the grid; return them in pixels and in grid units.
+    """Snap the corners of triangles to the grid.
 
-    Also returns whether each triangle reaches past the guard band.
+    Returns the corners in pixels, the same corners clamped to the guard band in grid units, and
+    whether each triangle reaches past the band.
     """
     corners = snapped_corners(positions, triangles, origin, grid)
     return corners, snap(corners, grid), ~within_guard(corners, grid)

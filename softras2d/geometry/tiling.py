@@ -24,7 +24,7 @@ class Tiling(NamedTuple):
 
     @staticmethod
     def one_word_wide(grid: Grid) -> "Tiling":
-        """Make the tiles for sampled coverage, where a row of samples fits one 32-bit word."""
+        """Make the tiles for sampled coverage, in which a row of samples fits one 32-bit word."""
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
 
@@ -39,18 +39,21 @@ class Tiling(NamedTuple):
         return self.rows * self.columns
 
     def first_sample(self, tile: HostOrDeviceArray) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-        """Column and row, on the canvas, of the upper left sample of the tiles of these indices."""
+        """Sample column and sample row, on the canvas, of the upper left sample of each tile.
+
+        `tile` holds indices of tiles.
+        """
         return (tile % self.columns) * self.sample_columns, (
             tile // self.columns
         ) * self.sample_rows
 
     @property
     def padded_shape(self) -> tuple[int, int]:
-        """Height and width in pixels of all the tiles together."""
+        """Height and width of all tiles together, in pixels, at least those of the canvas."""
         return self.rows * self.height, self.columns * self.width
 
     def crop(self, image: HostOrDeviceArray) -> HostOrDeviceArray:
-        """Cut an image of `padded_shape` to the canvas."""
+        """Cut an image of the size `padded_shape` to the canvas, at the bottom and at the right."""
         return image[: self.grid.height, : self.grid.width]
 
     @property

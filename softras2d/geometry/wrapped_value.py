@@ -1,8 +1,8 @@
 """Integers of more than 32 bits, as a wrapped 32-bit integer beside a float32 estimate.
 
-Edge values need up to 43 bits. Neither part determines a value alone: the wrapped integer lacks the
-multiple of 2^32, and the float lacks the last digits. Together they determine the value. No other
-module evaluates the two parts together. Written for numpy and jax arrays alike.
+Edge values (`fixed_point`) need up to 43 bits. Neither number determines a value alone: the wrapped
+integer lacks a multiple of 2^32, and the float lacks the last digits. Together they determine it.
+Only this module combines the two numbers. Written for numpy and jax arrays alike.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..numerics.array_types import DTypeLike, HostOrDeviceArray
 
 FAR = 2**30
-"""Size of an estimate from which on it has the sign of the value."""
+"""Estimates of this size or more have the sign of the value."""
 
 
 class WrappedValue(NamedTuple):
@@ -33,7 +33,10 @@ class WrappedValue(NamedTuple):
     estimate: HostOrDeviceArray
 
     def moved(self, *moves: tuple[HostOrDeviceArray, HostOrDeviceArray]) -> "WrappedValue":
-        """Add `step * count` for each pair of integers `(step, count)`, each below 2^24 in size."""
+        """Add `step * count` to the value, for each of the given pairs `(step, count)`.
+
+        Steps and counts are integers below 2^24 in size.
+        """
         wrapped, estimate = self
         f32 = estimate.dtype
         for step, count in moves:
@@ -42,19 +45,20 @@ class WrappedValue(NamedTuple):
         return WrappedValue(wrapped, estimate)
 
     def times(self, count: HostOrDeviceArray) -> "WrappedValue":
-        """Multiply by an integer `count`, 0..256."""
+        """Multiply the value by an integer `count`, 0..256."""
         return WrappedValue(count * self.wrapped, count.astype(self.estimate.dtype) * self.estimate)
 
     @property
     def is_near_zero(self) -> HostOrDeviceArray:
-        """Whether the value is known to be so near zero that `wrapped` is the value itself."""
+        """Whether the estimate is below 2^30 in size, so that `wrapped` is the value itself."""
         xp = self.estimate.__array_namespace__()
         return xp.abs(self.estimate) < float(FAR)
 
     def is_inside(self, remainder: HostOrDeviceArray | None = None) -> HostOrDeviceArray:
-        """Whether the value is not negative, which for an edge value means inside.
+        """Whether the value is 0 or more, which for an edge value means inside the edge.
 
-        `remainder` is a float in 0..256 that is added to the value first; None adds nothing.
+        `remainder` is a float in 0..256 that is added to the value before the test; None adds
+        nothing.
         """
         xp = self.estimate.__array_namespace__()
         exact = self.wrapped
@@ -71,20 +75,21 @@ class WrappedValue(NamedTuple):
         return xp.where(self.is_near_zero, xp.sign(self.wrapped), far)
 
     def clamped(self) -> HostOrDeviceArray:
-        """The value as int32 where it is near zero; elsewhere +-2^30.
+        """The value as int32 where it is near zero (`is_near_zero`), elsewhere +-2^30 by its sign.
 
-        Within a tile an edge value moves by less than 34 |dy| + 31 |dx| < 2^30: one that is clamped
-        at the tile's first sample has the same sign in all of the tile.
+        Within a tile an edge value changes by less than 34 |dy| + 31 |dx| < 2^30. So an edge value
+        that is clamped at the tile's first sample has the same sign in all of the tile.
         """
         xp = self.estimate.__array_namespace__()
         far = xp.where(self.estimate > 0, FAR, -FAR).astype(xp.int32)
         return xp.where(self.is_near_zero, self.wrapped, far)
 
     def split(self) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-        """Split each edge value into an int32 of about 2^30 at most and a float multiple of 2^31.
+        """Split each value into an int32, about 2^30 at most in size, and a multiple of 2^31.
 
-        The sum of both is the value. The int32 does not wrap when the steps to any sample of a tile
-        are added to it, because an edge value moves by less than 2^30 within a tile (`clamped`).
+        The multiple is a float, and the sum of the two numbers is the value. If the value is an
+        edge value at a tile's first sample, the steps to any sample of the tile can be added to the
+        int32 without wrapping, because they add up to less than 2^30 (`clamped`).
         """
         xp = self.estimate.__array_namespace__()
         number = xp.round(self.estimate * 2.0**-31)
@@ -93,7 +98,7 @@ class WrappedValue(NamedTuple):
         return self.wrapped ^ (is_odd << 31), number * 2.0**31
 
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
-        """The value as a float, rounded once where it is below 2^31 in size, else three times."""
+        """The value as a float, rounded once if it is below 2^31 in size, else three times."""
         xp = self.estimate.__array_namespace__()
         difference = self.estimate - self.wrapped.astype(self.estimate.dtype)
         multiple = xp.round(difference * 2.0**-32)
