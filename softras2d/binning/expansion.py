@@ -41,9 +41,10 @@ Expand = Callable[[HostOrDeviceArray], Expansion]
 
 
 def expand_on_device(count: Int[Array, " owners"], *, capacity: int) -> Expansion:
-    """Expand into a list of `capacity` entries; items beyond the capacity are left out.
+    """Expand counts, in JAX, into a list of `capacity` entries.
 
-    `total` counts them too, and is clamped to 2^30 (`saturated_sum`).
+    Items beyond the capacity are left out of the list, but `total` counts them too. `total` is
+    clamped to 2^30 (`saturated_sum`).
     """
     owner, rank = expand(count, capacity)
     total = saturated_sum(count)
@@ -51,7 +52,7 @@ def expand_on_device(count: Int[Array, " owners"], *, capacity: int) -> Expansio
 
 
 def expand_on_host(count: np.ndarray) -> Expansion:
-    """Expand, in numpy, into a list that is exactly as long as the sum of the counts."""
+    """Expand counts, in numpy, into a list that is exactly as long as the sum of the counts."""
     start = np.cumsum(count) - count
     owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
     rank = (np.arange(len(owner)) - start[owner]).astype(np.int32)
@@ -61,10 +62,10 @@ def expand_on_host(count: np.ndarray) -> Expansion:
 def expand(
     count: Int[Array, " owners"], capacity: int
 ) -> tuple[Int[Array, " entries"], Int[Array, " entries"]]:
-    """Compute the owner and the rank of each of `capacity` entries, as in `Expansion`.
+    """Compute the owner and the rank of each of `capacity` entries, as defined by `Expansion`.
 
-    Entries beyond the sum of the counts name the last owner that has an item, or owner 0 if none
-    has, and their ranks exceed its count.
+    Entries beyond the sum of the counts are unused. They name the last owner that has an item, or
+    owner 0 if no owner has one, and their ranks are not below the count of that owner.
     """
     start = cumulative_sum(count) - count
     numbers = jnp.where(count > 0, jnp.arange(count.shape[0], dtype=jnp.int32), 0)
@@ -76,7 +77,7 @@ def expand(
 def saturated_sum(counts: Int[Array, " owners"]) -> Int[Array, ""]:
     """Sum of the counts, clamped to 2^30.
 
-    A sum that wrapped around in int32 could pass for a small one.
+    Without the clamp, a sum that wraps around in int32 could pass for a small one.
     """
     fits = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
     return jnp.where(fits, jnp.sum(counts, dtype=jnp.int32), 2**30)

@@ -5,8 +5,8 @@ triangle in a tile, or is empty. All chunks are computed at once, as an array `[
 whose second axis counts the slots of a chunk.
 
 *Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`
-tiles, those with the longest lists first. One step visits one entry in the list of each tile of one
-block.
+tiles, where tiles with the longest lists come first. One step visits one entry in the list of each
+tile of one block.
 """
 
 import functools
@@ -52,15 +52,18 @@ class Chunks(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Steps through the tile lists, block after block; a step visits an entry of each tile's list.
+    """Steps through the tile lists, for work that must go through each list in order.
 
-    - `block`, `position`: each step visits the entries at one position, from 0, in the lists of
-      one block of tiles. The caller chooses the end of the lists from which positions count, and
-      skips lists that are not longer than `position`. Steps beyond `needed` name the last block
-      with entries, at positions past the end of its lists.
+    Tiles are grouped into blocks of `BLOCK` tiles. The steps go through one block after another,
+    and each step visits one entry in the list of every tile of its block.
+
+    - `block`, `position`: index of the block that each step visits, and the position, from 0, of
+      the visited entries in their lists. The caller chooses the end of the lists from which
+      positions count, and skips lists that are not longer than `position`. Steps beyond `needed`
+      name the last block with entries, at positions past the end of its lists.
     - `tile`, `start`, `count`: index of each tile of a block, and the first entry and the length of
       its list in `TileLists`. The last block is padded with tile 0 and a length of 0.
-    - `slot`: index at which each tile stands in the flattened `tile`. It has nothing to do with the
+    - `slot`: for each tile, its index in the flattened array `tile`. It has nothing to do with the
       slots of chunks.
     - `needed`: number of steps through all blocks. If it exceeds the capacity, which is the length
       of `block`, steps are missing.
@@ -76,9 +79,10 @@ class Steps(NamedTuple):
 
 
 def cut_chunks(lists: TileLists, *, slots_per_chunk: int, capacity: int) -> Chunks:
-    """Cut every tile's list into chunks of `slots_per_chunk` slots, in arrays of `capacity` chunks.
+    """Cut every tile's list into chunks of `slots_per_chunk` slots.
 
-    If more than `capacity` chunks are needed, triangles are missing (`Chunks.needed`).
+    The arrays of the result hold `capacity` chunks of all tiles together. If more than `capacity`
+    chunks are needed, triangles are missing (`Chunks.needed`).
     """
     count, tile, index, first, total = materialized(
         functools.partial(_count_chunks, slots_per_chunk=slots_per_chunk, capacity=capacity)
@@ -116,9 +120,10 @@ def _fill_slots(
     *,
     slots_per_chunk: int,
 ) -> tuple[Int[Array, "chunks slots"], Bool[Array, "chunks slots"], Int[Array, "chunks slots"]]:
-    """Compute the fields `triangle`, `filled` and `entry` of `Chunks`.
+    """Compute the fields `triangle`, `filled` and `entry` of `Chunks`, in this order.
 
-    `total` is the number of chunks that are needed; later ones have empty slots.
+    `tile` and `index` are fields of `Chunks`. `total` is the number of chunks that are needed; the
+    slots of later chunks are empty.
     """
     position = index[:, None] * slots_per_chunk + jnp.arange(slots_per_chunk, dtype=jnp.int32)[None]
     is_used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
@@ -130,11 +135,12 @@ def _fill_slots(
 def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks:
     """Make the chunks of tiles that all list every triangle (`tiles.list_every_triangle`).
 
-    - `triangles`, `tiles`: the number of both.
+    - `triangles`, `tiles`: number of triangles, and number of tiles.
     - `slots_per_chunk`: number of slots of a chunk.
 
-    If the triangles do not fill a tile's chunks, the first slots stay empty, and not the last:
-    triangles that `pad` appends then fill chunks of their own, and change no sum.
+    If the triangles do not fill a tile's chunks, the first slots of its first chunk stay empty, and
+    not the last slots of its last chunk. The triangles that `pad` appends then fill chunks of their
+    own, so that sums over the slots of the other chunks do not change by a rounding.
     """
     per_tile = -(-triangles // slots_per_chunk)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
@@ -157,9 +163,11 @@ def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks
 
 @functools.partial(materialized, static_argnames=("capacity",))
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
-    """Group tiles into blocks, those with the longest lists first, and list the steps through them.
+    """Group tiles into blocks, and list the steps through all blocks.
 
-    The arrays hold `capacity` steps. If more are needed, triangles are missing (`Steps.needed`).
+    Tiles are grouped in descending order of the lengths of their lists, because a block takes as
+    many steps as its longest list has entries. The arrays of the result hold `capacity` steps. If
+    more are needed, triangles are missing (`Steps.needed`).
     """
     tiles = lists.count.shape[0]
     order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)

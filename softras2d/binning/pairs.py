@@ -1,4 +1,4 @@
-"""List the pairs of a triangle and a tile that it touches, without those that an occluder hides.
+"""List the pairs of a triangle and a tile that it touches, and leave out hidden pairs.
 
 In each row of tiles a triangle touches the tiles of one strip (`strips`). Each of these tiles makes
 a pair with the triangle. A pair is hidden if another triangle in front covers the whole tile and is
@@ -24,13 +24,16 @@ from .strips import RowEdges, Strips, count_strips, narrow_strips, row_edges
 
 
 class Pairs(NamedTuple):
-    """Pairs of a triangle and a tile, in the order of the triangles.
+    """Pairs of a triangle and a tile that it may touch, in the order of the triangles.
+
+    A pair is hidden if an opaque triangle in front of its triangle covers the whole tile.
 
     - `triangle`, `tile`: index of the triangle and of the tile. Hidden pairs and unused entries
       have the tile `tiling.count`, one past the last.
     - `covers_tile`: whether the triangle covers the whole tile; without meaning in unused entries.
-    - `strip_total`, `pair_total`: number of strips and of pairs that the triangles have, including
-      hidden pairs. On the device either may exceed the capacity of its list.
+    - `strip_total`, `pair_total`: number of strips (`strips.Strips`) and of pairs that the
+      triangles have, including hidden pairs. On the device either number may exceed the capacity
+      of its list.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
@@ -50,15 +53,18 @@ def find_pairs(
     expand_pairs: Expand,
     materialize: Callable[[Any], Any] = lambda stage: stage,
 ) -> Pairs:
-    """List the pairs of all triangles, for sampled and for analytic coverage.
+    """List the pairs of a triangle and a tile that it may touch, and mark hidden pairs.
+
+    Used for sampled and for analytic coverage.
 
     - `edges`: exact edge functions (`Edges`) under sampled coverage, or edge lines with a margin
       (`Lines`) under analytic coverage.
     - `bounds`: the samples that each triangle may reach, by its bounding box. Under analytic
       coverage they are pixels.
-    - `is_occluder`: whether the triangle is opaque wherever it covers.
-    - `expand_strips`, `expand_pairs`: expand the number of strips of each triangle, and the number
-      of tiles of each strip, into lists.
+    - `is_occluder`: whether each triangle is opaque wherever it covers.
+    - `expand_strips`, `expand_pairs`: functions that expand counts into lists
+      (`expansion.Expand`): the number of strips of each triangle, and the number of tiles of each
+      strip.
     - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`. By
       default stages are called as they are.
     """
@@ -76,19 +82,23 @@ def find_pairs(
 def _wrap(
     materialize: Callable[[Any], Any], stage: Callable[..., Any], **fixed: Any
 ) -> Callable[..., Any]:
-    """Fix the keyword arguments `fixed` of a stage, and wrap the result with `materialize`."""
+    """Bind the keyword arguments `fixed` to a stage, and wrap the result with `materialize`."""
     return materialize(functools.partial(stage, **fixed))
 
 
 def _expand_strips(bounds: SampleBounds, tiling: Tiling, expand: Expand) -> Expansion:
-    """List one entry for each strip; its owner is the triangle, its rank the row of tiles."""
+    """List one entry for each strip, which is a triangle in a row of tiles.
+
+    The owner of an entry is the triangle. Its rank is the number of the row of tiles, counted from
+    0 at the first row that the triangle's bounding box meets.
+    """
     return expand(count_strips(bounds, tiling))
 
 
 def _gather_row_edges(
     edges: Edges | Lines, bounds: SampleBounds, strip_list: Expansion, tiling: Tiling
 ) -> RowEdges:
-    """Gather the edges of each strip's triangle in the strip's row of tiles."""
+    """Gather the edges of each strip's triangle, and evaluate them in the strip's row of tiles."""
     triangle, rank = strip_list.owner, strip_list.rank
     first, second, third = (edge.gather(triangle) for edge in edges)
     return row_edges((first, second, third), bounds.gather(triangle), rank, tiling)
@@ -101,7 +111,10 @@ def _find_strips(
     strip_list: Expansion,
     tiling: Tiling,
 ) -> Strips:
-    """Find the tiles of each strip, from the edges of its triangle in its row of tiles."""
+    """Find the tiles of each strip; `edges` are those of its triangle in its row of tiles.
+
+    `bounds` and `is_occluder` are those of all triangles.
+    """
     triangle, rank, is_used, _ = strip_list
     return narrow_strips(
         edges, bounds.gather(triangle), is_occluder[triangle], rank, is_used, tiling
@@ -109,11 +122,14 @@ def _find_strips(
 
 
 class _TouchedTiles(NamedTuple):
-    """Pairs before hidden ones are dropped; fields not listed here are as in `Pairs`.
+    """Pairs of a triangle and a tile, before hidden pairs are marked.
+
+    `triangle`, `tile` and `covers_tile` are as in `Pairs`, except that hidden pairs have their own
+    tile.
 
     - `occluded_tile`: equal to `tile` where the triangle hides all that is behind it in the tile,
       else `tiling.count`, one past the last tile.
-    - `total`: number of pairs.
+    - `total`: number of pairs, which may exceed the length of the list.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]
@@ -129,7 +145,10 @@ def _expand_pairs(
     tiling: Tiling,
     expand: Expand,
 ) -> _TouchedTiles:
-    """List one pair for each tile of each strip; `strip_triangle` has the triangle of a strip."""
+    """List one pair for each tile of each strip.
+
+    `strip_triangle` holds the index of each strip's triangle.
+    """
     strip, rank, is_used, total = expand(strips.count)
     xp = strip.__array_namespace__()
     column = strips.first[strip] + rank
@@ -148,7 +167,7 @@ def _drop_hidden(
     triangles: int,
     tiling: Tiling,
 ) -> Int[HostOrDeviceArray, " pairs"]:
-    """Return `tile`, with `tiling.count`, one past the last tile, for every hidden pair.
+    """Return `tile`, changed to `tiling.count`, one past the last tile, for every hidden pair.
 
     `triangles` is the number of triangles; the other arguments are fields of `_TouchedTiles`.
     """

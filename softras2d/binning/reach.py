@@ -25,8 +25,10 @@ _ROUNDING = 2.0**-20
 class Line(NamedTuple):
     """Signed distance from the line of one edge of each triangle, in pixels, positive inside.
 
-    - `value`: the distance at the centre of the canvas's pixel (0, 0).
-    - `right`, `down`: its change from a pixel to the next one to the right or below.
+    The distance is an affine function of the pixel.
+
+    - `value`: the distance of the centre of the canvas's pixel (0, 0) from the line.
+    - `right`, `down`: change of the distance from a pixel to the next one to the right or below.
     - `margin`: distance up to which coverage may be partial on each side of the line, plus a bound
       on rounding errors; `_UNBOUNDED` for an edge that bounds nothing.
     """
@@ -43,10 +45,11 @@ class Line(NamedTuple):
     def along(
         self, row: Int[HostOrDeviceArray, " triangles"], rows: int
     ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
-        """Evaluate the distance over `rows` rows of pixels, from row `row` of the canvas on.
+        """Evaluate the distance over `rows` rows of pixels, of which `row` is the first.
 
-        Returns the distance at the first pixel of the first row, its step right, its change from
-        the first row to the last, and the margin, all in pixels.
+        Returns the four fields of `strips.RowEdge`, in pixels: the distance at the first pixel of
+        row `row`, its step to the next pixel to the right, its change from the first of the rows to
+        the last, and the margin.
         """
         return (
             self.value + self.down * row.astype(self.value.dtype),
@@ -61,8 +64,9 @@ Lines = tuple[Line, Line, Line]
 
 
 class ReachedTriangles(NamedTuple):
-    """Edge lines and bounds of triangles, from which their tiles are listed.
+    """Edge lines and bounds of triangles under analytic coverage, from which tiles are listed.
 
+    - `lines`: the lines of edges 0, 1 and 2.
     - `bounds`: the pixels that each triangle may change, by its bounding box; empty for a triangle
       that is not finite.
     - `area`: twice the signed area, in square pixels.
@@ -80,9 +84,11 @@ class ReachedTriangles(NamedTuple):
 def reached_triangles(
     corners: Float[HostOrDeviceArray, "triangles 3 2"], grid: Grid, reach: Any
 ) -> ReachedTriangles:
-    """Compute the edge lines and bounds of triangles with these corners, in pixels.
+    """Compute the edge lines and bounds of triangles under analytic coverage.
 
-    `reach` is how far coverage extends beyond the edges, in pixels; a number or a scalar array.
+    - `corners`: in pixels from the canvas's upper left, in either orientation; NaN for padding.
+    - `reach`: how far coverage extends beyond the edges, in pixels; a number or a scalar array.
+
     Works for NumPy and JAX alike.
     """
     xp = corners.__array_namespace__()
@@ -119,8 +125,9 @@ def _line(
     """Compute the line of the edge from `start` to `end`, each (x, y) in pixels.
 
     - `sign`: sign of each triangle's area, which decides on which side of the line the inside is.
-    - `is_sign_certain`: whether that sign is more than a rounding; otherwise the edge bounds
-      nothing.
+    - `is_sign_certain`: whether `sign` is certain in spite of rounding errors; otherwise the edge
+      bounds nothing.
+    - `reach`: how far coverage extends beyond the edge, in pixels.
     - `size`: the longer side of the canvas, in pixels.
     """
     xp = sign.__array_namespace__()
@@ -145,10 +152,11 @@ def _pixel_range(
     reach: Any,
     size: int,
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
-    """First and last pixel that may have its centre in `low..high`, extended by `reach`.
+    """First and last pixel, along one axis, whose centre may lie in `low - reach..high + reach`.
 
-    All three are in pixels along an axis of `size` pixels. The range may be one pixel too long at
-    either end. It is empty, with a last pixel of -1, where not `finite`.
+    `low`, `high` and `reach` are in pixels, and the canvas is `size` pixels long along the axis.
+    The range of pixels may be one pixel too long at either end. Where `finite` is false it is
+    empty, with a last pixel of -1.
     """
     xp = low.__array_namespace__()
     first = xp.clip(xp.floor(low - reach - 0.5), 0.0, float(size)).astype(xp.int32)

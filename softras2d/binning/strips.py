@@ -1,9 +1,9 @@
 """Strips: the tiles that a triangle touches in one row of tiles.
 
-A triangle is convex, so the tiles that it may touch in a row follow each other, and so do those
-that it covers completely. Each of its three edges bounds both ranges. The bounds are computed in
-floats and rounded to the safe side: the range of touched tiles may be too long, and the range of
-covered tiles too short.
+A triangle is convex. So the tiles that it may touch in a row of tiles are consecutive, and so are
+the tiles that it covers completely. Each of its three edges bounds these two ranges. The bounds are
+computed in floats and rounded to the safe side: the range of touched tiles may be too long, and the
+range of covered tiles too short.
 
 Everything here is written for numpy and jax arrays alike: a plan counts on the host what a render
 lists on the device.
@@ -20,15 +20,16 @@ from .reach import Line
 
 
 class Strips(NamedTuple):
-    """One triangle in one row of tiles: ranges of tile columns, both ends inclusive.
+    """Strips, each of which is one triangle in one row of tiles, with ranges of tile columns.
 
-    A range is empty if its first column is greater than its last.
+    Both ends of a range are inclusive. A range is empty if its first column is greater than its
+    last.
 
     - `row`: index of the row of tiles.
-    - `first`, `last`: tiles that the triangle may touch.
-    - `covered_first`, `covered_last`: tiles that the triangle covers completely.
-    - `occluded_last`: `covered_last` for an opaque occluder; -1 for other triangles, so that
-      `covered_first..occluded_last` are the tiles in which the triangle hides what is behind it.
+    - `first`, `last`: columns of the tiles that the triangle may touch.
+    - `covered_first`, `covered_last`: columns of the tiles that the triangle covers completely.
+    - `occluded_last`: `covered_last` for an opaque occluder, else -1. So in the columns
+      `covered_first..occluded_last` the triangle hides everything behind it.
     """
 
     row: Int[HostOrDeviceArray, " strips"]
@@ -40,21 +41,24 @@ class Strips(NamedTuple):
 
     @property
     def count(self) -> Int[HostOrDeviceArray, " strips"]:
-        """Number of tiles in each strip, which are those that its triangle may touch."""
+        """Number of tiles in each strip, `first..last`, which its triangle may touch."""
         xp = self.first.__array_namespace__()
         return xp.maximum(self.last - self.first + 1, xp.zeros_like(self.first))
 
 
 class RowEdge(NamedTuple):
-    """An edge function in one row of tiles, as float32, positive inside.
+    """An edge function in the row of tiles of each strip, as float32, positive inside.
 
-    All numbers are edge values if it is made from an `Edge`, and pixels if from a `Line`.
+    If it is made from an `Edge` (sampled coverage), all numbers are in the unit of edge values
+    (`geometry.fixed_point`). If it is made from a `Line` (analytic coverage), they are in pixels,
+    and a sample is the centre of a pixel.
 
     - `value`: the function at sample column 0 of the canvas, in the first sample row of the row of
       tiles.
     - `right`: change from a sample to the next one to the right.
     - `drop`: change from the first to the last sample row of the row of tiles.
-    - `margin`: `Line.margin`; None for an `Edge`, because sampled coverage ends exactly at it.
+    - `margin`: `Line.margin`; None for an `Edge`, because sampled coverage ends exactly at the
+      edge.
     """
 
     value: Float[HostOrDeviceArray, " strips"]
@@ -68,9 +72,9 @@ RowEdges = tuple[RowEdge, RowEdge, RowEdge]
 
 
 def count_strips(bounds: SampleBounds, tiling: Tiling) -> Int[HostOrDeviceArray, " triangles"]:
-    """Number of strips of each triangle: the rows of tiles that its bounding box meets.
+    """Number of strips of each triangle: the number of rows of tiles that its bounding box meets.
 
-    It is 0 where the box is empty.
+    It is 0 for a triangle whose bounding box is empty.
     """
     xp = bounds.left.__array_namespace__()
     empty = (bounds.left > bounds.right) | (bounds.top > bounds.bottom)
@@ -101,7 +105,10 @@ def row_edges(
 def _row_edge(
     edge: Edge | Line, sample_row: Int[HostOrDeviceArray, " strips"], tiling: Tiling
 ) -> RowEdge:
-    """Evaluate one edge in the row of tiles whose first row of samples is `sample_row`."""
+    """Evaluate one edge in the row of tiles whose first row of samples is `sample_row`.
+
+    `sample_row` counts rows of samples from the top of the canvas.
+    """
     if isinstance(edge, Line):
         return RowEdge(*edge.along(sample_row, tiling.sample_rows))
     xp = sample_row.__array_namespace__()
@@ -118,10 +125,12 @@ def narrow_strips(
     is_used: Bool[HostOrDeviceArray, " strips"],
     tiling: Tiling,
 ) -> Strips:
-    """Find the tiles of each strip; there are none where not `is_used`.
+    """Find the tiles of each strip, from the bounding box and the edges of its triangle.
 
-    `edges`, `bounds` and `is_occluder` are gathered per strip, from its triangle; `rank` is as in
-    `row_edges`.
+    - `edges`: the edges of each strip's triangle in its row of tiles (`row_edges`).
+    - `bounds`, `is_occluder`: gathered per strip, from its triangle.
+    - `rank`: as in `row_edges`.
+    - `is_used`: whether the entry is a strip. Where this is false, the result has no tiles.
     """
     xp = rank.__array_namespace__()
     columns = tiling.sample_columns
@@ -148,10 +157,11 @@ _TILE_ERROR = 2.0**-6
 def _tile_limits(
     edge: RowEdge, columns: int
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]:
-    """Compute the limits that an edge sets to the tiles of a strip, `columns` samples wide each.
+    """Compute the limits that one edge sets to the tiles of each strip.
 
-    Returns four tile columns: the first and the last tile that may have a sample inside the edge,
-    and then the first and the last tile that certainly have no sample outside it.
+    `columns` is the width of a tile, in samples. Returns four tile columns: the first and the last
+    tile that may have a sample inside the edge, and then the first and the last tile that certainly
+    have no sample outside the edge.
     """
     value, right, drop, margin = edge
     xp = value.__array_namespace__()
@@ -177,14 +187,17 @@ def _limits_of(
     lag: float,
     error: float,
 ) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-    """First and last tile of a row in which a value, linear along the row, is not negative.
+    """First and last tile column of a row of tiles in which a linear function is not negative.
 
-    - `value`: the value at the first sample of tile column 0.
-    - `right`: a number with the sign of the change to the right; `step`: the size of the change
-      from tile to tile, positive.
-    - `lead`, `lag`: where the value is taken in each tile, in tiles from the tile's first sample:
-      `lead` if the value grows to the right, `lag` if it falls.
-    - `error`: by how many tiles both limits are moved outwards; inwards if negative.
+    The function is evaluated at one point of each tile.
+
+    - `value`: the function at the first sample of tile column 0.
+    - `right`: any number with the sign of the function's change to the right.
+    - `step`: size of the function's change from a tile to the next, positive.
+    - `lead`, `lag`: the point at which the function is evaluated, in tiles from the first sample of
+      each tile: `lead` if the function grows to the right, `lag` if it falls.
+    - `error`: distance, in tiles, by which the limits are moved outwards, or inwards if it is
+      negative.
     """
     xp = value.__array_namespace__()
     # A constant value is positive in all tiles or in none.

@@ -31,7 +31,9 @@ With this threshold all small scenes use the same side, and so share compiled pr
 
 
 def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
-    """Choose the tile side, in pixels, with the least total work for all scenes.
+    """Choose the side of a tile, in pixels, of `SIDES`, that needs the least work for all scenes.
+
+    The first of `SIDES` is chosen unless another saves more than `_LEAST_SAVING` per scene.
 
     - `scenes`: for each scene the corners of its triangles, `[triangles, 3, 2]` in pixels.
     - `reach`: how far coverage extends beyond the edges, in pixels.
@@ -42,17 +44,20 @@ def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
 
 
 def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
-    """Estimate the work of a scene with tiles of this side, as a number of computed pixels."""
+    """Estimate the work of a scene with tiles of this side, as a number of computed pixels.
+
+    Arguments are as in `choose_side`, for one scene.
+    """
     area, perimeter = _size(corners, grid, reach)
     tiles = area / side**2 + 2.0 / np.pi * perimeter / side + 1.0
     return float(np.sum(tiles) * (side**2 + _SLOT_COST))
 
 
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:
-    """Area and perimeter, in pixels, of each triangle extended by `reach` on all sides.
+    """Area and perimeter, in pixels, of each triangle extended on all sides by `reach` pixels.
 
-    They are limited to the area and perimeter of the canvas. Triangles that are not finite are left
-    out.
+    The results are at most the area and the perimeter of the canvas. Triangles that are not finite
+    are left out, so the results may be shorter than `corners`.
     """
     # Padding has corners that are not finite (`corners_of`), and costs nothing.
     corners = corners[np.isfinite(corners).all((1, 2))]

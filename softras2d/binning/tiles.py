@@ -27,7 +27,8 @@ class TileLists(NamedTuple):
       sum of `count` have no meaning.
     - `start`, `count`: index of the first entry of each tile's list, and the list's length.
     - `strips`, `pairs`: number of strips and of pairs that were needed to make the lists, including
-      hidden pairs. Triangles are missing if either exceeds its capacity.
+      hidden pairs (`pairs.Pairs`). If either number exceeds the capacity of its list, triangles are
+      missing.
     """
 
     triangle: Int[Array, " pairs"]
@@ -47,9 +48,11 @@ def list_tiles(
     strips: int,
     pairs: int,
 ) -> TileLists:
-    """List the triangles of every tile; `edges` and `bounds` are as in `pairs.find_pairs`.
+    """List the triangles that may show in each tile, nearest first.
 
-    - `is_occluder`: whether the triangle is opaque wherever it covers.
+    - `edges`, `bounds`: as in `pairs.find_pairs`.
+    - `is_occluder`: whether each triangle is opaque wherever it covers. Triangles that it hides in
+      a whole tile are not listed for that tile.
     - `strips`, `pairs`: capacities of the lists of strips and of pairs.
     """
     triangles = is_occluder.shape[0]
@@ -71,11 +74,12 @@ def list_tiles(
 
 
 def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
-    """List all triangles for every tile, whether they touch it or not.
+    """List every triangle for every tile, whether it touches the tile or not.
 
-    `triangles` is their number. For a few triangles on a small canvas this costs less than finding
-    out which tiles they touch, and no positions can need longer lists. The lists are constants,
-    also in a batch of scenes. `strips` and `pairs` are 0, as neither list is made.
+    `triangles` is the number of triangles. For a few triangles on a small canvas this costs less
+    than finding out which tiles they touch, and no positions can need longer lists. The lists are
+    constants, also in a batch of scenes. `TileLists.strips` and `TileLists.pairs` are 0, as no
+    lists of strips and pairs are made.
     """
     entry = jnp.arange(tiling.count * triangles, dtype=jnp.int32)
     return TileLists(
@@ -91,9 +95,10 @@ def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:
-    """Compute where each tile's list starts after sorting, and its length.
+    """Compute the fields `start` and `count` of `TileLists`, for pairs sorted by tile.
 
-    `tile` is the tile of each pair; pairs of the tile `tiles`, one past the last, are not counted.
+    `tile` is the tile of each pair, in any order. `tiles` is the number of tiles. Pairs with the
+    tile `tiles`, one past the last, are hidden or unused, and are not counted.
     """
     count = jnp.zeros(tiles + 1, jnp.int32).at[tile].add(1)[:-1]
     return cumulative_sum(count) - count, count
@@ -102,10 +107,11 @@ def _count_listed(
 def _sort(
     tile: Int[Array, " pairs"], order: Int[Array, " pairs"], tiles: int, triangles: int
 ) -> tuple[Int[Array, " pairs"], Int[Array, " pairs"]]:
-    """Sort pairs by `tile`, and pairs of one tile by `order`; return both arrays sorted.
+    """Sort pairs by `tile`, and pairs of the same tile by `order`; return the two sorted arrays.
 
-    Tiles are in `0..tiles` and orders in `0..triangles - 1`. One key sorts several times faster
-    than two, so both are packed into one int32 where they fit.
+    Entries of `tile` are in `0..tiles`, and entries of `order` in `0..triangles - 1`. Sorting by
+    one key is several times faster than by two, so tile and order are packed into one int32 if all
+    keys fit.
     """
     if (tiles + 1) * triangles > 2**31:
         tile, order = jax.lax.sort((tile, order), num_keys=2)
@@ -117,5 +123,5 @@ def _sort(
 def _unpack(
     key: Int[Array, " pairs"], *, triangles: int
 ) -> tuple[Int[Array, " pairs"], Int[Array, " pairs"]]:
-    """Split a packed key into tile and order."""
+    """Split keys `tile * triangles + order` into tile and order."""
     return key // triangles, key % triangles
