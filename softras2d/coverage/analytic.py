@@ -1,18 +1,19 @@
 """Interface of analytic coverage, and its evaluation at the pixels of tiles.
 
-A slot is a triangle in a square tile of pixels. Under soft coverage and exact area, two quantities
-of a pixel depend smoothly on the six coordinates of the triangle's corners: the fraction of the
-pixel that is covered, and the weights with which the corners' colours are interpolated in the
-pixel. Each is a `PixelFunction`, which states its derivatives in closed form:
+A slot is a triangle in a square tile of pixels (`binning.lists`). Under soft coverage and exact
+area, two quantities of a pixel depend smoothly on the six coordinates of the triangle's corners:
+the fraction of the pixel that is covered, and the weights with which the corners' colours are
+interpolated in the pixel. Each is a `PixelFunction`, which states its derivatives in closed form:
 
 | Coverage | Covered fraction of a pixel   | Weights of the corners           |
 |----------|-------------------------------|----------------------------------|
 | `Soft`   | `soft.SoftCoverage`           | `nearest_weights.NearestWeights` |
 | `Area`   | `area.AreaCoverage`           | `centroid.CentroidWeights`       |
 
-The geometry of a slot is what its pixels share, such as the directions of the edges; it is computed
-once. `evaluate` makes a `PixelFunction` differentiable by autodiff. The jvp and the vjp compute the
-partial derivatives again instead of storing them, and only for slots in which some are not 0.
+The geometry of a slot holds the numbers that its pixels share, such as the directions of the edges;
+it is computed once. `evaluate` makes a `PixelFunction` differentiable by autodiff. The jvp and the
+vjp compute the partial derivatives again instead of storing them, and only for slots in which some
+of these derivatives are not 0.
 """
 
 import abc
@@ -33,8 +34,10 @@ Geometry = TypeVar("Geometry")
 """Data that the pixels of a slot share: a tree of arrays `[slots]`."""
 
 Coordinates = tuple[Array, Array, Array, Array, Array, Array]
-"""x and y of corner 0, then of corners 1 and 2, in pixels; or the velocity of each of these six
-coordinates, or the derivative by each."""
+"""Six arrays with an entry for each slot: x and y of corner 0, then of corners 1 and 2.
+
+They hold the velocities of these coordinates, or derivatives with respect to them.
+"""
 
 Parameter = Any
 """A number on which a `PixelFunction` depends beside the corners, such as the width of soft edges.
@@ -52,9 +55,10 @@ Values = Array | tuple[Array, ...]
 class PixelFunction(eqx.Module, Generic[Geometry]):
     """One or more quantities of a pixel that depend on the corners of one triangle.
 
-    A pixel is given by its centre (x, y), in pixels from the upper left of the slot's tile. All
-    methods but `vjp` broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
-    `[slots]` with one point.
+    The methods take the geometry of the triangle, the parameter, and a pixel, which is given by its
+    centre (x, y) in pixels from the upper left of the slot's tile. All methods except `vjp`
+    broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry `[slots]` with one
+    point.
 
     - `tile_side`: side of a tile, in pixels.
     """
@@ -65,7 +69,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def value(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Values:
-        """Compute the quantity, or each of several quantities; all are in 0..1."""
+        """Compute the quantity at each pixel, in 0..1, or a tuple of several such quantities."""
 
     @abc.abstractmethod
     def jvp(
@@ -76,26 +80,28 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
         x: PointValues,
         y: PointValues,
     ) -> Values:
-        """Compute the derivative of the value along a `velocity` of the corners."""
+        """Compute the derivative of the value when the corners move with a given `velocity`."""
 
     @abc.abstractmethod
     def vjp(self, geometry: Geometry, parameter: Parameter, cotangent: Array) -> Coordinates:
-        """Compute the transpose of `jvp`, summed over the pixels of each slot.
+        """Compute the transpose of `jvp`: sums over the pixels of each slot, and over its values.
 
-        `cotangent` is `[*values, slots, pixels]`, with rows of pixels from the top. Returns the
-        derivatives by the six coordinates of the corners, each `[slots]`.
+        `cotangent` is `[*values, slots, pixels]`: the cotangent of the value at every pixel of a
+        tile, row by row from the top. Returns the derivatives by the six coordinates of the
+        corners, each `[slots]`.
         """
 
     def parameter_derivative(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Compute the derivative of the value by the parameter; 0 by default."""
+        """Compute the derivative of the value by the parameter, at each pixel; 0 by default."""
         return jnp.zeros((), x.dtype)
 
     def has_zero_derivatives(self, value: Array) -> Bool[Array, "*values slots pixels"]:
-        """Whether all derivatives are known to be 0, judged by the value alone.
+        """Whether the value alone shows that all its derivatives are 0, for each entry of `value`.
 
-        By default they are not known to be.
+        `value` is the result of the method `value` at all pixels. The default answer is false
+        everywhere, which is always correct.
         """
         return jnp.zeros(value.shape, bool)
 
@@ -105,7 +111,10 @@ class AnalyticCoverage(PixelFunction[Geometry]):
 
     @abc.abstractmethod
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Distance of a pixel's centre from a triangle, in pixels, at which coverage reaches 0."""
+        """Distance from a triangle, in pixels, at which the coverage of pixels reaches 0.
+
+        The distance is measured from the centres of the pixels.
+        """
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -115,19 +124,22 @@ def evaluate(
     geometry: Geometry,
     parameter: Float[Array, ""],
 ) -> Float[Array, "*values slots pixels"]:
-    """Evaluate the function at the pixels of each slot's tile, rows from the top.
+    """Evaluate `function.value` at every pixel of each slot's tile, row by row from the top.
 
-    - `corners`: x and y of each corner in turn, in pixels.
-    - `geometry`: what the function needs to know of the corners, computed from them. Its own
-      derivative is used only in second derivatives.
+    - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+      The value does not read them: they receive the derivatives.
+    - `geometry`: numbers that the function needs, computed from the corners. The derivative of the
+      geometry is used only in second derivatives.
+    - `parameter`: the number on which the function depends besides the corners.
 
-    Differentiable by corners and parameter.
+    Differentiable with respect to `corners` and `parameter`.
     """
     return _stack_values(_values(function, geometry, parameter))
 
 
 @functools.partial(evaluate.defjvp, symbolic_zeros=True)
 def _evaluate_jvp(function, primals, tangents):
+    """Differentiate `evaluate`; the tangent of `geometry` is ignored, as `corners` stand for it."""
     corners, geometry, parameter = primals
     value = evaluate(function, corners, geometry, parameter)
     velocity, _, parameter_change = tangents
@@ -151,7 +163,7 @@ def _evaluate_jvp(function, primals, tangents):
 
 @functools.partial(materialized, static_argnames=("function",))
 def _values(function: PixelFunction[Geometry], geometry: Geometry, parameter: Parameter) -> Values:
-    """Evaluate the function at all pixels."""
+    """Evaluate `function.value` at all pixels of each slot's tile."""
     return function.value(*spread(geometry, parameter, function.tile_side))
 
 
@@ -162,9 +174,9 @@ def _vjp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Compute `PixelFunction.vjp` of the slots in which it may not be 0; it is 0 in the others.
+    """Compute `PixelFunction.vjp` of all slots, but only evaluate slots where it may not be 0.
 
-    Most slots are hidden, or their triangle covers the whole tile.
+    In most slots it is 0, because the triangle is hidden, or covers the whole tile.
     """
     slots = value.shape[-2]
     flags = _may_add_to_vjp(function, value, cotangent)
@@ -187,7 +199,7 @@ def _jvp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Compute `PixelFunction.jvp` of the slots in which it may not be 0; it is 0 in the others."""
+    """Compute `PixelFunction.jvp` of all slots, but only evaluate slots where it may not be 0."""
 
     def visit(
         block: Int[Array, " block"], total: Float[Array, "*values slots pixels"]
@@ -203,18 +215,18 @@ def _jvp_where_nonzero(
 def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
-    """Whether a pixel may add to the vjp, with a cotangent and a derivative that may not be 0."""
+    """Whether each pixel may add to the vjp: a cotangent is not 0, and a derivative may not be."""
     return _any_value((cotangent != 0) & ~function.has_zero_derivatives(value))
 
 
 @functools.partial(materialized, static_argnames=("function",))
 def _may_change(function: PixelFunction, value: Array) -> Bool[Array, "slots pixels"]:
-    """Whether a pixel's value may change as the corners move."""
+    """Whether the value of each pixel may change as the corners move."""
     return _any_value(~function.has_zero_derivatives(value))
 
 
 def _any_value(flags: Bool[Array, "*values slots pixels"]) -> Bool[Array, "slots pixels"]:
-    """Whether any of the values of each pixel is flagged."""
+    """Whether, for each pixel, the flag of any of its values is true."""
     return jnp.any(flags.reshape(-1, *flags.shape[-2:]), 0)
 
 
@@ -225,7 +237,10 @@ def block_jvp(
     parameter: Parameter,
     velocity: Coordinates,
 ) -> Values:
-    """Compute `PixelFunction.jvp` of a block of slots at all their pixels."""
+    """Compute `PixelFunction.jvp` of a block of slots at all pixels of their tiles.
+
+    Entries of `geometry` and of `velocity` are `[slots]`.
+    """
     geometry, parameter, x, y = spread(geometry, parameter, function.tile_side)
     first, second, third, fourth, fifth, sixth = (entry[:, None] for entry in velocity)
     return function.jvp(geometry, parameter, (first, second, third, fourth, fifth, sixth), x, y)
@@ -235,7 +250,7 @@ def block_jvp(
 def _gather_pixels(
     values: Float[Array, "*values slots pixels"], block: Array
 ) -> Float[Array, "*values block pixels"]:
-    """Gather the pixels of a block of slots."""
+    """Gather the pixel values of a block of slots; `block` holds the indices of the slots."""
     return values.at[..., block, :].get(mode="clip")
 
 
@@ -243,7 +258,7 @@ def _gather_pixels(
 def _put_sums(
     total: Float[Array, "6 slots"], sums: Coordinates, block: Array
 ) -> Float[Array, "6 slots"]:
-    """Write the sums of a block of slots into `total`, the sums of all slots."""
+    """Write the six sums of the slots with the indices `block` into `total`, those of all slots."""
     return total.at[:, block].set(jnp.stack(sums), mode="drop")
 
 
@@ -251,14 +266,14 @@ def _put_sums(
 def _put_pixels(
     total: Float[Array, "*values slots pixels"], change: Values, block: Array
 ) -> Float[Array, "*values slots pixels"]:
-    """Write the changes of a block of slots into `total`, the changes of all slots."""
+    """Write `change`, the pixel values of the slots `block`, into `total`, those of all slots."""
     return total.at[..., block, :].set(_stack_values(change), mode="drop")
 
 
 def _stack_values(values: Values) -> Array:
-    """Stack several values along a first axis.
+    """Stack a tuple of values along a first axis; a single value is returned unchanged.
 
-    This is not part of the function that computes them, because the compiler does not vectorise an
-    expression that ends in a concatenation.
+    The values are not stacked by the function that computes them, because the compiler does not
+    vectorise an expression that ends in a concatenation.
     """
     return jnp.stack(values) if isinstance(values, tuple) else values

@@ -1,16 +1,17 @@
-"""Exact area of a triangle in a pixel, and its derivative.
+"""Exact area of the intersection of a triangle and a pixel, and its derivative.
 
-By Green's theorem the area is the sum over directed edges of the integral of x dy, with x clamped
-to the pixel. Along an edge x is linear, so the integral is the height that the edge spans in the
-pixel times the mean of x clamped to 0..1 over that span: a trapezoid, plus a rectangle where the
-edge is past the right side.
+By Green's theorem the area is the sum over the directed edges of the integral of x dy, with x and y
+counted from the pixel's upper left and x clamped to 0..1. Along an edge x is linear. So the
+integral is the height that the edge spans in the row of the pixel, times the mean of the clamped x
+over that span: a trapezoid, plus a rectangle where the edge is past the right side.
 
-An edge that moves sweeps area at its normal speed. Let t be 0 at the start p of the edge and 1 at
-its end q, and let the part of the edge in the pixel go from t = a to t = b. The area changes by
+An edge that moves sweeps area at its normal speed. Let the edge go from p to q = p + (dx, dy), let
+t be 0 at p and 1 at q, and let the segment of the edge in the pixel go from t = a to t = b. If the
+ends of the edge move by dp and dq, the area changes by
 
-    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2,
+    (dy, -dx) . (m0 - m1) dp + (dy, -dx) . m1 dq,    m0 = b - a,  m1 = (b^2 - a^2) / 2.
 
-for horizontal edges like any other.
+This holds for horizontal edges too.
 """
 
 import functools
@@ -36,13 +37,14 @@ _GREATEST_INVERSE = 2.0**60
 
 
 class ClippedEdge(NamedTuple):
-    """An edge clipped to the rows of a slot's tile, in pixels from the tile's upper left.
+    """One edge of each slot's triangle, clipped to the rows of pixels of the slot's tile.
 
-    - `x`, `y`: the point at which the clipped edge begins.
-    - `run`, `rise`: the x and the y of the vector from there to the point at which it ends; y, and
-      so `rise`, is positive downwards.
-    - `inverse_run`, `inverse_rise`: one over run and rise; 0 where these are 0.
-    - `run_per_rise`: run divided by rise; 0 where the rise is 0.
+    The clipped edge reaches up to one pixel above and below the tile. Lengths are in pixels.
+
+    - `x`, `y`: start of the clipped edge, from the tile's upper left.
+    - `run`, `rise`: vector (x, y) from the start of the clipped edge to its end; y points down.
+    - `inverse_run`, `inverse_rise`: one over `run` and one over `rise`; 0 where these are 0.
+    - `run_per_rise`: `run` divided by `rise`; 0 where `rise` is 0.
     - `full_run`, `full_rise`: the vector along the whole edge, for derivatives. For an unsigned
       area it is reduced where the triangle is degenerate (`clip_outline`).
     - `start`: how far along the whole edge, 0..1, the clipped edge begins.
@@ -67,10 +69,11 @@ Outline = tuple[ClippedEdge, ClippedEdge, ClippedEdge]
 
 
 class AreaCoverage(AnalyticCoverage[Outline]):
-    """Exact area of a triangle in each pixel; it has no parameter.
+    """Exact area of the intersection of a triangle and each pixel, in square pixels.
 
-    `is_flat` never says that derivatives are 0, not even in a pixel that is empty or full, because
-    an edge along the side of the pixel can move into it.
+    Its geometry is the `Outline`, and it has no parameter. `has_zero_derivatives` is false
+    everywhere, even in a pixel that is empty or full, because an edge along the side of the pixel
+    can move into the pixel.
     """
 
     def value(
@@ -91,7 +94,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """Compute the area that the moving edges sweep per unit of time."""
+        """Compute the change of the area: the area that the moving edges sweep in each pixel."""
         total = jnp.zeros_like(x + y)
         for k, edge in enumerate(geometry):
             start, end = normal_speeds(edge, k, velocity)
@@ -102,13 +105,16 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def vjp(
         self, geometry: Outline, parameter: Parameter, cotangent: Float[Array, "slots pixels"]
     ) -> Coordinates:
-        """Sum each edge's length in the pixels, weighted by the cotangent."""
+        """Sum the derivatives of each pixel's area, weighted by the cotangent, over the pixels.
+
+        They follow from the length of each edge in the pixels.
+        """
         in_tile = passes_tile(geometry, self.tile_side)
         swept = sum_along_edges(_weighted_lengths, geometry, in_tile, cotangent)
         return _gradient_of_swept(geometry, swept)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Return half the diagonal of a pixel, in pixels."""
+        """Half the diagonal of a pixel, in pixels: farther away, a triangle covers none of it."""
         return jnp.asarray(REACH, jnp.float32)
 
 
@@ -122,15 +128,15 @@ def clip_outline(
 ) -> Outline:
     """Clip the edges of each slot's triangle to the rows of its tile.
 
-    - `corners`: x and y of each corner in turn, in pixels.
-    - `tile`: the upper left of each slot's tile, in pixels.
+    - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+    - `tile`: x and y of the upper left of each slot's tile, in pixels.
     - `lines`: the lines of the same edges.
     - `side`: the side of a tile, in pixels.
-    - `signed`: whether areas keep their sign, as in a sum.
+    - `signed`: whether areas are added with their sign, as by `Area("sum")`.
 
     When a triangle has collapsed to a segment, its unsigned area grows whichever way a corner
-    moves, so the area has a kink there. To keep the derivative continuous, the derivative is
-    reduced to zero with `TriangleLines.thickness`. A `signed` area has no kink.
+    moves, so the area has a kink there. To keep the derivative continuous, it is reduced in
+    proportion to `TriangleLines.thickness`, down to zero at the kink. A `signed` area has no kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (
@@ -156,10 +162,11 @@ def _clip_edge(
     qy: Float[Array, " slots"],
     side: int,
 ) -> ClippedEdge:
-    """Clip the edge from p to q one pixel above and below the tile.
+    """Clip the edge from p to q to the rows from one pixel above the tile to one pixel below it.
 
-    Coordinates are in pixels from the tile's upper left; `side` is the tile's side. What lies
-    beyond covers nothing in the tile, and far corners are inexact in floats.
+    `line` is the line of the edge. Coordinates are in pixels from the tile's upper left, and `side`
+    is the tile's side. The rest of the edge bounds no area in the tile, and would add rounding
+    errors where corners are far away.
     """
     dx, dy = qx - px, qy - py
     has_height, is_sloped = dy != 0, line.normal_x != 0
@@ -189,11 +196,12 @@ def _clip_edge(
 def pixel_row_span(
     edge: ClippedEdge, x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array, Array]:
-    """Find where the edge begins and ends within the row of each pixel, given by its centre.
+    """Find where a clipped edge begins and ends within the row of each pixel.
 
-    Returns `(top, bottom, start, end)` in pixels from the upper left of the pixel. `top` and
-    `bottom` are y of the two ends of the edge, clamped to 0..1. `start` and `end` are x at these
-    two points, which may be outside the pixel.
+    `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns `(top,
+    bottom, start, end)` in pixels from the upper left of the pixel. `top` and `bottom` are y of the
+    two ends of the edge, clamped to 0..1. `start` and `end` are x at these two points, which may be
+    outside the pixel.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
@@ -213,9 +221,11 @@ def _clamped_mean(start: Array, end: Array) -> Array:
 
 
 def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
-    """Find the part of the clipped edge in each pixel, as an interval of t, 0..1 along the edge.
+    """Find the segment of a clipped edge that lies in each pixel.
 
-    Returns the start and the end of the interval, which is empty unless the end is greater.
+    `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns the start
+    and the end of the segment as fractions 0..1 along the clipped edge. The edge misses the pixel
+    unless the end is greater than the start.
     """
     start, end = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
@@ -230,9 +240,10 @@ def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tupl
 
 
 def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
-    """Compute the integrals of 1 dt and of t dt along the part of an edge in a pixel.
+    """Compute the integrals of 1 dt and of t dt along the segment of an edge in each pixel.
 
-    t is 0 at the start of the whole edge, before clipping, and 1 at its end.
+    t is 0 at the start of the whole edge, before clipping, and 1 at its end. `x` and `y` are the
+    centre of the pixel, in pixels from the tile's upper left.
     """
     a, b = interval_in_pixel(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.share
@@ -247,13 +258,13 @@ def _weighted_lengths(
 
 
 def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Array, Array]:
-    """Speed of the start and of the end of an edge along its outward normal, times its length.
+    """Speeds of the start and of the end of an edge along its outward normal, times its length.
 
-    The length is that of the whole edge (`ClippedEdge.full_run`, `full_rise`), which is reduced for
-    degenerate triangles.
+    The edge's length is that of the whole edge (`ClippedEdge.full_run`, `full_rise`), which is
+    reduced for degenerate triangles.
 
     - `edge`: edge `k` of the triangle, from corner k to the next one.
-    - `velocity`: velocities of x and y of corners 0, 1 and 2 in turn.
+    - `velocity`: velocities of x and y of corner 0, then of corners 1 and 2.
     """
     start, end = (
         edge.full_rise * velocity[2 * corner] - edge.full_run * velocity[2 * corner + 1]
@@ -287,7 +298,11 @@ def may_pass_tile(edge: ClippedEdge, side: int) -> Bool[Array, "*slots"]:
 
 @materialized
 def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -> Coordinates:
-    """Compute the derivatives by the corners from the weighted sums of `_length_in_pixel`."""
+    """Compute the derivatives by the six coordinates of the corners, for `AreaCoverage.vjp`.
+
+    `swept` holds, for each edge, the sums over pixels of the two integrals of `_length_in_pixel`,
+    weighted by the cotangent.
+    """
     gradient = [jnp.zeros_like(swept[0][0])] * 6
     for k, edge in enumerate(outline):
         add_edge_gradient(gradient, k, edge, *swept[k])
@@ -298,11 +313,14 @@ def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -
 def add_edge_gradient(
     gradient: list[Array], k: int, edge: ClippedEdge, total: Array, towards_end: Array
 ) -> None:
-    """Add the derivatives by both ends of edge k to `gradient`, which is changed in place.
+    """Add the derivatives by the start and the end of edge k to `gradient`, changed in place.
 
-    `gradient` has the derivatives by x and y of each corner in turn. `total` is the integral of a
-    weight over the edge, and `towards_end` the integral of t times the weight. This is the
-    transpose of `normal_speeds`.
+    - `gradient`: the derivatives by x and y of corner 0, then of corners 1 and 2.
+    - `total`: the integral of a weight dt along the edge, where t is 0 at the edge's start and 1 at
+      its end.
+    - `towards_end`: the integral of t times the weight.
+
+    This is the transpose of `normal_speeds`, followed by the integral over the edge.
     """
     for corner, share in ((k, total - towards_end), ((k + 1) % 3, towards_end)):
         gradient[2 * corner] = gradient[2 * corner] + edge.full_rise * share

@@ -1,13 +1,15 @@
-"""Weights of the corners under exact area: at the centroid of the area that a triangle covers.
+"""Barycentric weights under exact area, taken at the centroid of the covered area of a pixel.
 
-The mean of a value that is affine on the triangle is its value at the centroid. The centroid is the
-first moments M divided by the area A. By Green's theorem the moments are sums over directed edges
-of the integrals of x^2 / 2 dy and x y dy, with x clamped to the pixel: over the piece of the edge
-inside, where x is linear, and over the piece past the right side, where x is 1.
+The covered area of a pixel is its intersection with the triangle. The mean, over this area, of a
+value that is affine on the triangle is its value at the centroid. The centroid is the first moments
+M of the covered area divided by its size A. By Green's theorem the moments are sums over directed
+edges of the integrals of x^2 / 2 dy and x y dy, with x clamped to the pixel. Each integral has two
+terms: one over the segment of the edge inside the pixel, where x is linear, and one over the
+segment past the right side, where x is 1.
 
-An edge that moves sweeps moments at its normal speed times the points that it sweeps. Weights of
-the corners are affine, w = w_0 + g . x, and change at a fixed point by -g . sum_j w_j dv_j, so that
-at the centroid c
+An edge that moves sweeps area at its normal speed, and moments at this speed times the points that
+it sweeps. The weight of a corner is an affine function w = w_0 + g . x. If the corners move by
+dv_j, it changes at a fixed point by -g . sum_j w_j dv_j. So at the centroid c
 
     dw = g . (dM - c dA) / A - g . sum_j w_j(c) dv_j.
 """
@@ -34,7 +36,7 @@ from .segment_weights import replace_if_thin
 from .tile_sums import spread, sum_along_edges, sum_over_pixels
 
 _LEAST_AREA = 1e-12
-"""Area in a pixel, in square pixels, up to which the pixel is taken to have no centroid."""
+"""Covered area of a pixel, in square pixels, up to which the pixel is taken to have no centroid."""
 
 _STEEP = 64.0
 """Steepest gradient of a weight, per pixel, that is used in full; a steeper g becomes 64^2 / g.
@@ -46,23 +48,31 @@ the error never exceeds 64^2 e.
 
 
 class AreaGeometry(NamedTuple):
-    """The edges of each slot's triangle, clipped to the rows of the tile, and their lines."""
+    """The edges of each slot's triangle, for `CentroidWeights`.
+
+    - `outline`: the edges, clipped to the rows of pixels of the tile.
+    - `lines`: the lines of the edges.
+    """
 
     outline: Outline
     lines: TriangleLines
 
 
 class CentroidWeights(PixelFunction[AreaGeometry]):
-    """The mean weights of corners 1 and 2 over the part of the triangle in a pixel.
+    """Mean barycentric weights of corners 1 and 2 over the area of a pixel that a triangle covers.
 
-    A pixel without a part of the triangle has the weights at its centre, clamped to 0..1, with zero
-    gradient.
+    A pixel of which the triangle covers nothing has the weights at the pixel's centre, clamped to
+    0..1, with zero gradient. The function has no parameter.
     """
 
     def value(
         self, geometry: AreaGeometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """Compute the weights at the centroid, or their limit if the triangle is too thin."""
+        """Compute the weights of corners 1 and 2 at the centroid.
+
+        For a thin triangle, whose area is lost in rounding errors, they are blended with the limit
+        of the weights as the triangle collapses to a segment (`segment_weights`).
+        """
         weights = _weights(geometry, _centroid_position(geometry, x, y), x, y)
         outline, lines = geometry
         return replace_if_thin(weights, outline, lines, x, y, self.tile_side)[1:]
@@ -75,7 +85,11 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         x: PointValues,
         y: PointValues,
     ) -> tuple[Array, ...]:
-        """Sum the changes by what the moving edges sweep and by the weights at a fixed centroid."""
+        """Compute the change of the weights of corners 1 and 2 as the corners move.
+
+        It has two terms. The area that the moving edges sweep moves the centroid, and the weights
+        change at a fixed point.
+        """
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)
         weights = _weights(geometry, (centroid.x, centroid.y), x, y)
@@ -99,7 +113,11 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """Sum over the pixels for both weights at once, as the vjp is linear in their gradients."""
+        """Sum the derivatives of the weights, times their cotangents, over the pixels.
+
+        The two weights are first combined in each pixel to one affine function, weighted by the
+        cotangents, as the derivatives are linear in its gradient.
+        """
         x, y, inverse_area = _centroids(geometry, parameter, self.tile_side)
         gx, gy = _weighted_gradient(geometry, inverse_area, cotangent)
         moments = sum_over_pixels(_moments_inside, geometry, parameter, x, y, gx, gy)
@@ -109,12 +127,12 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
 
 
 class _Centroid(NamedTuple):
-    """The part of a triangle in a pixel.
+    """The intersection of a triangle and a pixel.
 
-    - `area`: its area, in square pixels.
-    - `x`, `y`: its centroid, 0..1 from the upper left of the pixel.
-    - `exists`: whether the area is more than `_LEAST_AREA`. Otherwise the centroid is replaced by
-      the pixel's centre.
+    - `area`: size of the intersection, in square pixels.
+    - `x`, `y`: centroid of the intersection, 0..1 from the upper left of the pixel.
+    - `exists`: whether `area` is more than `_LEAST_AREA`. Otherwise `x` and `y` are 0.5, the
+      pixel's centre.
     """
 
     area: PointValues
@@ -124,7 +142,11 @@ class _Centroid(NamedTuple):
 
 
 def _centroid(geometry: AreaGeometry, x: PointValues, y: PointValues) -> _Centroid:
-    """Compute area and centroid in each pixel, by Green's theorem as sums over the edges."""
+    """Compute area and centroid of the intersection of the triangle and each pixel.
+
+    By Green's theorem they are sums over the edges. `x` and `y` are the pixel's centre, in pixels
+    from the tile's upper left.
+    """
     area, moment_x, moment_y = (jnp.zeros_like(x + y) for _ in range(3))
     for edge in geometry.outline:
         top, bottom, start, end = pixel_row_span(edge, x, y)
@@ -157,9 +179,10 @@ def _centroid(geometry: AreaGeometry, x: PointValues, y: PointValues) -> _Centro
 def _centroid_position(
     geometry: AreaGeometry, x: PointValues, y: PointValues
 ) -> tuple[Array, Array]:
-    """Compute x and y of the centroid in each pixel.
+    """Compute x and y of the centroid in each pixel, 0..1 from the pixel's upper left.
 
-    They are stored before the weights of the corners are computed, because each weight needs both.
+    The centroid is written to memory before the weights of the corners are computed, because each
+    of the weights needs both coordinates.
     """
     centroid = _centroid(geometry, x, y)
     return centroid.x, centroid.y
@@ -168,7 +191,11 @@ def _centroid_position(
 def _weights(
     geometry: AreaGeometry, centroid: tuple[Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
-    """Compute the weights of the three corners at the centroid, each clamped to 0..1."""
+    """Compute the weights of corners 0, 1 and 2 at the centroid, each clamped to 0..1.
+
+    `centroid` is in pixels from the pixel's upper left, and (`x`, `y`), the pixel's centre, in
+    pixels from the tile's upper left.
+    """
     x, y = x - 0.5 + centroid[0], y - 0.5 + centroid[1]
     weights = []
     for k in range(3):
@@ -181,7 +208,10 @@ def _weights(
 
 
 def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]:
-    """Compute the derivatives of a corner's weight by x and y, per pixel, limited by `_STEEP`."""
+    """Compute the gradient of a corner's weight: its change per pixel along x and along y.
+
+    Steep gradients are reduced as `_STEEP` says.
+    """
     opposite = geometry.lines.edges[(corner + 1) % 3]
     size = jnp.minimum(
         opposite.inverse_height, _STEEP**2 / jnp.maximum(opposite.inverse_height, _STEEP)
@@ -190,7 +220,7 @@ def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]
 
 
 def _inverse_area(centroid: _Centroid) -> Array:
-    """One over the area in the pixel; 0 where the area is negligible."""
+    """One over the covered area of each pixel; 0 where the centroid does not exist."""
     return jnp.where(centroid.exists, 1.0 / jnp.where(centroid.exists, centroid.area, 1.0), 0.0)
 
 
@@ -201,10 +231,11 @@ def _swept_weight(
     center: tuple[Array, Array],
     gradient: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Compute the integrals of v dt and of t v dt along the part of an edge in a pixel.
+    """Compute the integrals of v dt and of t v dt along the segment of an edge in each pixel.
 
     v is the affine function that is 0 at `center`, in pixels from the pixel's upper left, and has
-    the given `gradient` by x and y. t is 0 at the start of the whole edge, and 1 at its end.
+    the given `gradient` along x and y. t is 0 at the start of the whole edge, before clipping, and
+    1 at its end. `x` and `y` are the pixel's centre, in pixels from the tile's upper left.
     """
     a, b = interval_in_pixel(edge, x, y)
     length = jnp.maximum(b - a, 0.0) * edge.share
@@ -228,9 +259,10 @@ def _centroids(
 ) -> tuple[
     Float[Array, "slots pixels"], Float[Array, "slots pixels"], Float[Array, "slots pixels"]
 ]:
-    """Compute x and y of the centroid in every pixel, and one over the area there.
+    """Compute x and y of the centroid in every pixel, and one over the covered area.
 
-    The inverse is 0 where the area is negligible.
+    The centroid is 0..1 from the pixel's upper left. The third result is 0 where the centroid does
+    not exist (`_Centroid`).
     """
     geometry, _, x, y = spread(geometry, parameter, tile_side)
     centroid = _centroid(geometry, x, y)
@@ -243,9 +275,10 @@ def _weighted_gradient(
     inverse_area: Float[Array, "slots pixels"],
     cotangent: Float[Array, "2 slots pixels"],
 ) -> list[Float[Array, "slots pixels"]]:
-    """Compute the derivatives by x and by y of the sum of both weights times their cotangents.
+    """Compute the gradient of the weights of corners 1 and 2, combined by their cotangents.
 
-    They are 0 where there is no centroid.
+    Returns the derivatives, along x and along y, of the sum of the two weights times their
+    cotangents. They are 0 in pixels without a centroid, where `inverse_area` is 0.
     """
     gradients = [_weight_gradient(geometry, corner) for corner in (1, 2)]
     return [
@@ -268,10 +301,11 @@ def _moments_inside(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """Terms for `sum_over_pixels`: gx times 1, x and y of the centroid, and then gy likewise.
+    """Compute six terms for `sum_over_pixels`: `gx` times 1, X and Y, and then `gy` times 1, X, Y.
 
-    `gx` and `gy` are the result of `_weighted_gradient`. The centroid is taken in pixels from the
-    tile's upper left.
+    (X, Y) is the centroid of each pixel in pixels from the tile's upper left. `centroid_x` and
+    `centroid_y` are counted from the pixel's upper left. `gx` and `gy` are the result of
+    `_weighted_gradient`.
     """
     factors = (1.0, x - 0.5 + centroid_x, y - 0.5 + centroid_y)
     return [gradient * factor for gradient in (gx, gy) for factor in factors]
@@ -287,9 +321,10 @@ def _terms_along(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """Terms for `sum_along_edges`: the integrals of `_swept_weight`, divided by the area.
+    """Compute two terms for `sum_along_edges`: the integrals of `_swept_weight` over the area.
 
-    `gx` and `gy` are the result of `_weighted_gradient`.
+    The integrals are divided by the covered area of the pixel, of which `inverse_area` is the
+    inverse. `gx` and `gy` are the result of `_weighted_gradient`.
     """
     gradient = gx * inverse_area, gy * inverse_area
     return list(_swept_weight(edge, x, y, (centroid_x, centroid_y), gradient))
@@ -301,9 +336,10 @@ def _gradient_of_sums(
     moments: tuple[Array, ...],
     swept: tuple[tuple[Array, ...], ...],
 ) -> Coordinates:
-    """Compute the derivatives by the corners from the sums of two kinds of terms.
+    """Compute the derivatives by the six coordinates of the corners, for `CentroidWeights.vjp`.
 
-    `moments` are the sums of `_moments_inside`; `swept` are the sums of `_terms_along` each edge.
+    - `moments`: the sums over pixels of the terms of `_moments_inside`.
+    - `swept`: for each edge, the sums over pixels of the terms of `_terms_along`.
     """
     gradient = [jnp.zeros_like(moments[0])] * 6
     for k, edge in enumerate(geometry.outline):
