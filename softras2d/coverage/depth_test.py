@@ -36,10 +36,11 @@ from .sampled import gather_words, row_order
 
 
 class Depths(NamedTuple):
-    """Depth of all triangles as a function of the position on the screen.
+    """Depth of all triangles as an affine function of the position on the screen.
 
+    - `edges`: edge functions of the triangles, reoriented to positive area.
     - `planes`: barycentric weights of triangles past the guard band; None if there can be none.
-    - `depth`: depth of each corner, with corners reoriented like `edges`.
+    - `depth`: depth of corners 0, 1 and 2 of each triangle, reoriented like `edges`.
     """
 
     edges: Edges
@@ -56,7 +57,11 @@ def keep_nearest(
 ) -> UInt32[Array, "pairs rows"]:
     """Remove the samples that fail the depth test from the coverage words of the listed pairs.
 
-    `words` has the coverage words of each entry of `lists`, one for each row of samples of a tile.
+    - `words`: the coverage words (`sampled`) of each entry of `lists`, which is a pair of a
+      triangle and a tile: one word for each row of samples of the tile.
+    - `steps`: the order in which the entries of `lists` are visited.
+
+    Returns words of the same layout. Entries that no step visits get words of 0.
     """
     dtype = depths.depth.dtype
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
@@ -90,9 +95,10 @@ def keep_nearest(
 def _gather_words(
     words: UInt32[Array, "pairs rows"], pair: Int[Array, " block"], is_valid: Bool[Array, " block"]
 ) -> UInt32[Array, " lines"]:
-    """Gather the coverage words of one pair for each tile of a block, as one array of all lines.
+    """Gather the coverage words of one pair for each tile of a block, as one flat array.
 
-    They are 0 for a tile whose list has ended (`is_valid` is false).
+    Each word is a line, which is a row of samples in one tile. The lines of the first tile come
+    first. Words are 0 for a tile whose list has ended (`is_valid` is false).
     """
     return gather_words(words, pair, is_valid).reshape(-1)
 
@@ -105,9 +111,10 @@ def _gather_corners(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> tuple[Weights, Float[Array, "3 block"]]:
-    """Gather the terms of the weights and the depths of the corners for a block of tiles.
+    """Gather the barycentric weights, as functions, and the corner depths for a block of tiles.
 
-    `triangle` is the triangle visited in each `tile` of the block; `area` is `twice_area`.
+    `triangle` is the triangle that is visited in each `tile` of the block, and `area` the result of
+    `twice_area` for all triangles.
     """
     weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
     return weights, depths.depth[:, triangle]
@@ -140,9 +147,11 @@ def _test(
     is_first: Bool[Array, ""],
     words: UInt32[Array, " lines"],
 ) -> Bool[Array, "sample_columns lines"]:
-    """Find the covered samples that are no deeper than the least depth so far.
+    """Find the samples that a triangle covers and at which it passes the depth test.
 
-    Where `is_first`, a new block starts and the least depth so far is ignored.
+    It passes where its `depth` is not greater than `least`, the least depth so far. If `is_first`,
+    a new block of tiles starts, and `least` is ignored. `words` are the coverage words of the
+    triangles, one for each line (`_depth_at_samples`).
     """
     column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
     covered = ((words[None] >> column) & jnp.uint32(1)) == 1
@@ -151,7 +160,7 @@ def _test(
 
 @materialized
 def _pack(passed: Bool[Array, "sample_columns lines"]) -> UInt32[Array, " lines"]:
-    """Pack the results of each line's samples into a word; sample i is bit i."""
+    """Pack the flags of the samples of each line into a coverage word; sample i is bit i."""
     word = jnp.zeros(passed.shape[1], jnp.uint32)
     for i, bit in enumerate(passed):
         word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
@@ -165,9 +174,9 @@ def _update_least(
     depth: Float[Array, "sample_columns lines"],
     passed: Bool[Array, "sample_columns lines"],
 ) -> Float[Array, "sample_columns lines"]:
-    """Replace the least depth so far by the depth of the samples that passed.
+    """Replace the least depth so far, `least`, by `depth` at the samples that passed the test.
 
-    Where `is_first`, a new block starts, and samples that did not pass get infinity.
+    If `is_first`, a new block of tiles starts, and samples that did not pass get infinity.
     """
     return jnp.where(passed, depth, jnp.where(is_first, jnp.inf, least))
 
@@ -178,8 +187,8 @@ def depth_at(
 ) -> Float[Array, "*samples"]:
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
-    `sample` is the column and the row in the canvas's grid of samples, one of each for every entry
-    of `triangle`. The depth of a triangle without area is the mean depth of its corners.
+    `sample` is the column and the row of a sample on the canvas, each an array laid out like
+    `triangle`. The depth of a triangle without area is the mean depth of its corners.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]
@@ -194,7 +203,9 @@ def weights_and_depth(
 ) -> tuple[tuple[Array, Array, Array], Float[Array, "*samples"]]:
     """Barycentric weights of a triangle's corners at a sample, and the depth of its plane there.
 
-    `area` is `twice_area`; `sample` is as in `depth_at`. The triangle need not cover the sample.
+    The weights are affine on the screen, and in the order of the reoriented corners. `area` is the
+    result of `twice_area` for all triangles, and `sample` is as in `depth_at`. The triangle need
+    not cover the sample.
     """
     # Samples of the first tile are counted from the corner of the canvas.
     tile = jnp.zeros_like(triangle)
@@ -206,9 +217,10 @@ def weights_and_depth(
 def depth_on_edge(
     depths: Depths, edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Depth at a point of an edge, the fraction `t` (0..1) along it.
+    """Depth of a triangle at points of one of its edges, given by fractions `t` (0..1) along it.
 
-    `edge` is 3 times the index of a triangle, plus the number of its side, 0..2.
+    `edge` is 3 times the index of the triangle, plus the number of the edge, 0..2. Lines and runs
+    are those of crossings (`gradients.crossings`): all points of a run are on one edge.
     """
     return _depth_on_edge(depths.depth, edge, t)
 

@@ -2,8 +2,8 @@
 
 The last bit of a float32 coordinate a million pixels away is worth about a tenth of a pixel. The
 coordinates of such a corner are taken as exact, but a float product of two of them loses all digits
-that matter near the tile. So the distance of the tile from each line is a cross product in twice
-the precision, computed once for each slot; pixels then add small steps to it.
+that matter near the tile. So the distance of the tile's upper left from each line is computed in
+twice the precision, once for each slot. The distance of a pixel is this number plus small steps.
 """
 
 from typing import Any, NamedTuple
@@ -16,13 +16,17 @@ from ..numerics.double_float import Pair, product_of, sum_of
 
 
 class EdgeLine(NamedTuple):
-    """One edge of each slot's triangle, from corner k to corner k + 1, in pixels.
+    """The line of one edge of each slot's triangle, as seen from the upper left of the slot's tile.
 
-    - `distance`: signed distance of the tile's upper left from the edge's line, positive inside the
-      triangle. It grows by (`normal_x`, `normal_y`) per pixel to the right and down.
+    Edge k goes from corner k to the next corner. Lengths are in pixels.
+
+    - `distance`: signed distance of the tile's upper left from the line, positive on the side of
+      the triangle. At a point (x, y) from the tile's upper left, the distance is greater by
+      `normal_x` x + `normal_y` y.
     - `normal_x`, `normal_y`: the unit normal of the edge that points into the triangle.
     - `after_start`, `after_end`: how far the tile's upper left lies past the edge's start, and past
-      its end, measured along the edge. Both grow by (`normal_y`, -`normal_x`) per pixel.
+      the edge's end, measured along the edge. At a point (x, y) from the tile's upper left, each of
+      the two is greater by `normal_y` x - `normal_x` y.
     - `inverse_length`: one over the edge's length; 0 for an edge of no length.
     - `inverse_height`: one over the distance of the third corner from the edge's line; 0 for a
       triangle without area.
@@ -40,10 +44,10 @@ class EdgeLine(NamedTuple):
 
 
 CornerValues = tuple[Array, Array, Array]
-"""A number for each of the three corners, each `[slots]`."""
+"""A number for each of the corners 0, 1 and 2, as three arrays `[slots]`."""
 
 CornerMatrix = tuple[CornerValues, CornerValues, CornerValues]
-"""A row of three numbers for each of the three corners, each `[slots]`."""
+"""A 3 x 3 matrix for each slot: a row of three arrays `[slots]` for each of the three corners."""
 
 
 class TriangleLines(NamedTuple):
@@ -52,10 +56,12 @@ class TriangleLines(NamedTuple):
     - `first`, `second`, `third`: the lines of edges 0, 1 and 2.
     - `has_area`: whether the corners enclose an area.
     - `thickness`: 1 for triangles whose height over the longest edge is at least a few float
-      roundings. Below, it falls in proportion to the height, down to 0 for triangles without area.
+      roundings. For thinner triangles it falls in proportion to the height, down to 0 for triangles
+      without area.
     - `mixing`: row k has three weights. In derivatives, the velocity of corner k is replaced by the
-      sum of the velocities of corners 0, 1 and 2 with these weights. Row k is 1 for corner k and 0
-      for the others where `thickness` is 1 (`_corner_mixing`).
+      sum of the velocities of corners 0, 1 and 2 with these weights. For most triangles row k is 1
+      for corner k and 0 for the others. It differs where `thickness` is below 1, and where corners
+      are closer together than a few roundings (`_corner_mixing`).
     """
 
     first: EdgeLine
@@ -74,10 +80,10 @@ class TriangleLines(NamedTuple):
 def triangle_lines(
     corners: Float[Array, "6 slots"], tile: Float[Array, "2 slots"]
 ) -> TriangleLines:
-    """Compute the edge lines of triangles that are positively oriented.
+    """Compute the edge lines of each slot's triangle, which must be positively oriented.
 
-    `corners` are x and y of each corner in turn, and `tile` is x and y of the upper left of each
-    slot's tile, all in pixels.
+    - `corners`: x and y of corner 0, then of corners 1 and 2, in pixels.
+    - `tile`: x and y of the upper left of each slot's tile, in pixels.
     """
     points = [(corners[2 * k], corners[2 * k + 1]) for k in range(3)]
     to_tile = [tuple(map(_difference, tile, point)) for point in points]
@@ -129,17 +135,19 @@ def _corner_mixing(
 ) -> CornerMatrix:
     """Compute `TriangleLines.mixing`: how degenerate triangles share out corner derivatives.
 
-    - `directions`: the vector along each edge, in pixels; `lengths`: their lengths.
-    - `least_height`: height of a triangle, in pixels, from which down it counts as degenerate.
+    - `directions`, `lengths`: the vector from the start to the end of each edge, and its length, in
+      pixels.
+    - `least_height`: height of a triangle, in pixels, below which the triangle is degenerate.
     - `thickness`: `TriangleLines.thickness`.
 
-    A triangle that collapses to a segment has two boundaries there, one through the middle corner
-    and one past it, and its image has a kink: which boundary is nearer to a pixel depends on the
-    side to which the middle corner moves, and in the end on a rounding. So from `least_height`
-    down, the middle corner's derivative is handed over to the ends of the segment, in proportion
-    to where it lies between them. Likewise corners closer to each other than `least_height` share
-    their derivatives equally. Derivatives then have the same limit from both orientations, the
-    derivative of the distance to the segment, whichever edge was chosen.
+    A triangle that collapses to a segment has two boundaries there: the longest edge, and the two
+    other edges, which meet at the middle corner. Its image has a kink, because the side to which
+    the middle corner moves decides which boundary is nearer to a pixel, and in the end a rounding
+    decides it. So below `least_height`, the derivative by the middle corner is handed over to the
+    ends of the segment, in proportion to where the middle corner lies between them. Likewise, two
+    corners that are closer to each other than `least_height` share their derivatives. Derivatives
+    then have the same limit from both orientations, the derivative of the distance to the segment,
+    whichever edge was chosen as the nearest.
     """
     one, zero = jnp.ones_like(thickness), jnp.zeros_like(thickness)
     # Corners k and k + 1 are as close as edge k is short.
@@ -176,7 +184,10 @@ def _corner_mixing(
 
 
 def mix_velocity(mixing: CornerMatrix, velocity: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Mix the velocities of the corners by `TriangleLines.mixing`; x and y of each come in turn."""
+    """Mix the velocities of the three corners by the matrix `TriangleLines.mixing`.
+
+    `velocity` and the result hold x and y of corner 0, then of corners 1 and 2.
+    """
     return tuple(
         row[0] * velocity[axis] + row[1] * velocity[2 + axis] + row[2] * velocity[4 + axis]
         for row in mixing
@@ -187,7 +198,10 @@ def mix_velocity(mixing: CornerMatrix, velocity: tuple[Array, ...]) -> tuple[Arr
 def mix_gradient(
     mixing: CornerMatrix, gradient: tuple[Array, ...]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Apply the transpose of `mix_velocity` to derivatives by x and y of each corner in turn."""
+    """Apply the transpose of `mix_velocity`.
+
+    `gradient` and the result hold the derivatives by x and y of corner 0, then of corners 1 and 2.
+    """
     first, second, third, fourth, fifth, sixth = (
         mixing[0][corner] * gradient[axis]
         + mixing[1][corner] * gradient[2 + axis]
@@ -199,17 +213,17 @@ def mix_gradient(
 
 
 def _difference(a: Any, b: Any) -> Pair:
-    """The exact difference of two floats."""
+    """The exact difference a - b of two floats, as a double float."""
     return sum_of(a, -b)
 
 
 def _cross(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Array:
-    """Cross product of two vectors of double floats."""
+    """Cross product a_x b_y - a_y b_x of two vectors of double floats, rounded to a float."""
     return _sum_of_products(a[0], b[1], a[1], b[0], -1.0)
 
 
 def _dot(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Array:
-    """Dot product of two vectors of double floats."""
+    """Dot product of two vectors of double floats, rounded to a float."""
     return _sum_of_products(a[0], b[0], a[1], b[1], 1.0)
 
 

@@ -1,16 +1,20 @@
-"""Weights of the corners under soft coverage, taken at the nearest point of the triangle.
+"""Barycentric weights under soft coverage, taken at the point of the triangle nearest to a pixel.
 
-Inside the triangle that point is the pixel's centre x itself. Beside an edge from p to q of length
-L and direction u, where x is d in front of the edge, it lies t = (x - p) . u / L along it, and
+If the pixel's centre x lies inside the triangle, the nearest point is x itself. The weights at a
+fixed point change by -grad w_k . sum_j w_j dv_j if the corners move by dv_j.
 
-    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp),
+If the nearest point lies on an edge, let the edge go from p to q, with length L, direction u and
+inward normal n, and let d be the signed distance of x from the edge, positive inside. The nearest
+point lies at the fraction t = (x - p) . u / L of the edge. If the ends move by dp and dq, then
 
-while around a corner it is the corner. Inside, the weights at a fixed point change by
--grad w_k . sum_j w_j dv_j. All of this is linear in x and y, or a product of two such terms: three
-moments of each case give the sums over pixels.
+    dt = -u . ((1 - t) dp + t dq) / L + (d / L^2) n . (dq - dp).
 
-The corners of a triangle thinner than a few roundings stand in for each other, see `edge_lines`:
-otherwise a rounding would choose from which corner a pixel gets its values.
+If the nearest point is a corner, the weights are constant. For an edge, and for the inside, each
+coefficient of dp, dq or dv_j is an affine function of x. So the sums over pixels follow from three
+moments of each case: the sums of the cotangent times 1, x and y.
+
+The corners of a triangle thinner than a few roundings are mixed (`TriangleLines.mixing`): otherwise
+a rounding would choose from which corner a pixel gets its values.
 """
 
 import functools
@@ -26,17 +30,18 @@ from .tile_sums import spread, sum_moments
 
 
 class NearestWeights(PixelFunction[TriangleLines]):
-    """The weights of corners 1 and 2 at the point of the triangle nearest to a pixel's centre.
+    """Barycentric weights of corners 1 and 2 at the point of the triangle nearest to a pixel.
 
-    For a triangle without area it is the nearest point of the edges. In triangles thinner than a
-    pixel the gradient of a weight is clamped to 1 per pixel, because the pixel's centre stands for
-    more area than the triangle has.
+    It is the point nearest to the pixel's centre. For a triangle without area, it is taken on the
+    edges. In triangles thinner than a pixel the derivatives use a gradient of the weight that is
+    clamped to 1 per pixel, because the pixel's centre stands for more area than the triangle has.
+    The function has no parameter.
     """
 
     def value(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """Compute the weights, mixed where corners of a thin triangle stand in for each other."""
+        """Compute the weights of corners 1 and 2, mixed by `TriangleLines.mixing`."""
         near = nearest_point(geometry, x, y)
         _, second, third = _weights(near, geometry)
         by_first, by_second, by_third = geometry.mixing
@@ -56,7 +61,7 @@ class NearestWeights(PixelFunction[TriangleLines]):
         x: PointValues,
         y: PointValues,
     ) -> tuple[Array, ...]:
-        """Compute the change of the weights at a fixed pixel."""
+        """Compute the change of the weights of corners 1 and 2, at a fixed pixel."""
         near = nearest_point(geometry, x, y)
         weights = _weights(near, geometry)
         mixed = mix_velocity(geometry.mixing, velocity)
@@ -97,7 +102,11 @@ class NearestWeights(PixelFunction[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """Sum over the pixels in four cases: beside edge 0, 1 or 2, or inside."""
+        """Sum the derivatives of the weights, times their cotangents, over the pixels.
+
+        The sums follow from moments over the pixels of each of four cases: those whose nearest
+        point lies on edge 0, 1 or 2, and those inside the triangle.
+        """
         case = _case(geometry, parameter, self.tile_side)
         second, third = _unmix_cotangent(geometry, cotangent)
         # Along an edge the weight of its end grows as much as the weight of its start falls.
@@ -116,7 +125,7 @@ _INSIDE, _AROUND_CORNER = 3, 4
 
 
 def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
-    """Compute the weights of the three corners at the point of the triangle nearest to a point."""
+    """Compute the weights of corners 0, 1 and 2 at the nearest point, before mixing."""
     # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     opposite = (1, 2, 0)
     within = [
@@ -130,17 +139,18 @@ def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Ar
 
 
 def _is_inside(near: NearestPoint, lines: TriangleLines) -> Array:
-    """Whether the nearest point of the triangle is the point itself, as it lies inside.
+    """Whether a pixel's centre lies inside the triangle, so that it is the nearest point itself.
 
-    It is never so for a triangle thinner than a few roundings, across which no position is known.
+    The result is false everywhere for a triangle with `TriangleLines.thickness` below 1, across
+    which positions are lost in rounding errors.
     """
     return near.is_inside & (lines.thickness >= 1)
 
 
 def _weight_gradient(lines: TriangleLines, corner: int) -> tuple[Array, Array]:
-    """Compute the derivatives by x and y of a corner's weight inside the triangle, per pixel.
+    """Compute the gradient of a corner's weight: its change per pixel along x and along y.
 
-    Their length is clamped to 1, as `NearestWeights` says.
+    The length of the gradient is clamped to 1, as `NearestWeights` says.
     """
     opposite = lines.edges[(corner + 1) % 3]
     size = jnp.minimum(opposite.inverse_height, 1.0)
@@ -151,7 +161,11 @@ def _weight_gradient(lines: TriangleLines, corner: int) -> tuple[Array, Array]:
 def _case(
     lines: TriangleLines, parameter: Parameter, tile_side: int
 ) -> Float[Array, "slots pixels"]:
-    """Find the case of every pixel: its nearest edge, 0..2, `_INSIDE` or `_AROUND_CORNER`."""
+    """Find the case of every pixel, as a float.
+
+    It is `_INSIDE` in the triangle, `_AROUND_CORNER` if the nearest point is a corner, and else the
+    index 0..2 of the edge on which the nearest point lies.
+    """
     lines, _, x, y = spread(lines, parameter, tile_side)
     near = nearest_point(lines, x, y)
     outside = jnp.where(is_around_corner(near), float(_AROUND_CORNER), near.edge)
@@ -162,7 +176,10 @@ def _case(
 def _unmix_cotangent(
     lines: TriangleLines, cotangent: Float[Array, "2 slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Compute the cotangents of the weights of corners 1 and 2 before they were mixed."""
+    """Compute the cotangents of the unmixed weights of corners 1 and 2, from those of the mixed.
+
+    This is the transpose of the mixing in `NearestWeights.value`.
+    """
     rows = [[entry[:, None] for entry in row] for row in lines.mixing]
     second, third = cotangent
     return [second * (row[1] - rows[0][1]) + third * (row[2] - rows[0][2]) for row in rows[1:]]
@@ -170,10 +187,10 @@ def _unmix_cotangent(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 5 3"]) -> Coordinates:
-    """Compute the derivatives by the corners from the moments of `NearestWeights.vjp`.
+    """Compute the derivatives by the six coordinates of the corners, for `NearestWeights.vjp`.
 
-    The second axis of `moments` has the five entries of `weighted_cases` there, the third the sums
-    of the weights times 1, x and y.
+    The second axis of `moments` has the five entries of `weighted_cases` in `NearestWeights.vjp`.
+    The third axis has the sums of these entries times 1, x and y.
     """
     gradient = [jnp.zeros_like(lines.first.distance)] * 6
 

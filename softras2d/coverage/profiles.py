@@ -14,7 +14,7 @@ from typing import Any
 import jax.numpy as jnp
 
 _TAIL = 6.0
-"""Argument z of 1 / (1 + e^-z) at which it is cut; it is within 0.0025 of its limit there."""
+"""Argument z at which the logistic 1 / (1 + e^-z) is cut, where it is within 0.0025 of 1."""
 
 _REST = 1.0 / (1.0 + math.exp(_TAIL))
 _NINETY = 0.9 - 0.8 * _REST
@@ -33,9 +33,9 @@ SUPPORT = {
 
 
 def step(profile: str, q: Any) -> Any:
-    """Evaluate the profile, 0..1, at a signed distance of q widths from the edge, positive inside.
+    """Evaluate a profile of soft coverage, in 0..1, at a signed distance from the edge.
 
-    `profile` is `Soft.profile`.
+    `profile` is `Soft.profile`. `q` is the distance divided by `Soft.width`, positive inside.
     """
     if profile == "window":
         u = jnp.clip(0.5 + q * (0.5 / SUPPORT["window"]), 0.0, 1.0)
@@ -45,7 +45,7 @@ def step(profile: str, q: Any) -> Any:
 
 
 def profile_derivative(profile: str, q: Any) -> Any:
-    """Evaluate the derivative of `step` by q; it is 0 beyond the support."""
+    """Evaluate the derivative of `step` with respect to `q`; it is 0 beyond the support."""
     if profile == "window":
         scale = 0.5 / SUPPORT["window"]
         u = jnp.clip(0.5 + q * scale, 0.0, 1.0)
@@ -57,4 +57,5 @@ def profile_derivative(profile: str, q: Any) -> Any:
 
 
 def _exponent(profile: str, q: Any) -> Any:
+    """Argument z of the logistic 1 / (1 + e^-z) at a signed distance of q widths."""
     return q * (2.0 * _LOGIT) if profile == "logistic" else q * jnp.abs(q) * (4.0 * _LOGIT)

@@ -1,9 +1,9 @@
 """Sampled coverage: one bit per sample, and one coverage word per row of samples of a tile.
 
 A *coverage word* is a 32-bit word in which bit i tells whether a triangle covers sample i of a row.
-An edge admits the samples of a row from some position onwards, or up to some position. This
-position is guessed in floats and corrected by one integer test. Each edge gives a mask of ones that
-starts or ends there, and the AND of the three masks is the row. Samples that nearer triangles cover
+In each row, the samples inside an edge begin or end at some position. This position is guessed in
+floats and corrected by one integer test. Each edge gives a mask of ones that starts or ends there,
+and the AND of the three masks is the coverage word of the row. Samples that nearer triangles cover
 are removed by OR and AND NOT. Whether a sample exactly on an edge is inside (`fill_rule`) is
 already decided by the edge functions (`fixed_point.edge_functions`).
 
@@ -32,7 +32,7 @@ roundings of a quotient below 64."""
 
 
 def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDeviceArray:
-    """Find the least i in 0..31 with `value + i step >= 0`; 32 or 33 if there is none.
+    """Find the least i in 0..31 with `value + i * step >= 0`; 32 or 33 if there is none.
 
     Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the
     rounding of the float division.
@@ -53,7 +53,11 @@ def ones_from(bit: HostOrDeviceArray) -> HostOrDeviceArray:
 
 
 def edge_word(value: HostOrDeviceArray, right: HostOrDeviceArray) -> HostOrDeviceArray:
-    """Make words in which bit i is set where `value + i right >= 0`, for i in 0..31."""
+    """Make words in which bit i is set if `value + i * right >= 0`, for i in 0..31.
+
+    `value` is an edge value at the first sample of a row, and `right` its step from sample to
+    sample, of either sign. The word has the samples of the row that are inside the edge.
+    """
     # With a negative step, the samples from some position on are outside: -1 - v + i |step| >= 0.
     flip = right >> 31
     xp = value.__array_namespace__()
@@ -65,14 +69,18 @@ def gather_words(
     pair: Int[Array, "*entries"],
     is_valid: Bool[Array, "*entries"],
 ) -> UInt32[Array, "*entries rows"]:
-    """Gather the coverage words of the pairs with these indices; 0 where not `is_valid`."""
+    """Gather the coverage words of the pairs with the indices `pair`.
+
+    The words of an entry are 0 where `is_valid` is false.
+    """
     return jnp.where(is_valid[..., None], words.at[pair].get(mode="clip"), jnp.uint32(0))
 
 
 def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
-    """Row of samples, counted from the top of the tile, at each position of the axis of words.
+    """Row of samples, counted from the top of the tile, that each coverage word of a tile holds.
 
-    Rows are stored sub-row by sub-row. `xp` is `numpy` or `jax.numpy`.
+    Words are stored sub-row by sub-row: first the uppermost row of samples of every row of pixels,
+    then the second of every row of pixels, and so on. `xp` is `numpy` or `jax.numpy`.
     """
     position = xp.arange(tiling.sample_rows, dtype=xp.int32)
     return (position % tiling.height) * tiling.grid.rate + position // tiling.height
@@ -81,12 +89,12 @@ def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
 class TriangleInTile(NamedTuple):
     """Edges and bounding box of each slot's triangle, with samples counted from the slot's tile.
 
-    - `edges`: for each edge its value at the tile's first sample, clamped to +-2^30, and its steps
-      right and down.
+    - `edges`: for each of the three edges, the edge value (`geometry.fixed_point`) at the tile's
+      first sample, clamped to +-2^30, and its steps to the next sample to the right and below.
     - `columns`: the columns of the bounding box that lie in the tile, as a word with bit i for
       column i; 0 in slots that are not filled.
-    - `top`, `bottom`: the first and the last row of the bounding box, which may lie outside the
-      tile.
+    - `top`, `bottom`: the first and the last row of samples of the bounding box, counted from the
+      tile's first row; they may lie outside the tile.
     """
 
     edges: list[tuple[HostOrDeviceArray, HostOrDeviceArray, HostOrDeviceArray]]
@@ -105,7 +113,11 @@ def coverage_words(
 ) -> UInt32[Array, "*slots rows"]:
     """Compute the coverage words of each slot: all samples of its tile that its triangle covers.
 
-    Samples that nearer triangles hide are set too. Slots that are not `filled` have words of 0.
+    - `edges`, `bounds`: of all triangles.
+    - `triangle`, `tile`: index of the triangle and of the tile of each slot.
+    - `filled`: whether the slot holds a triangle; otherwise its words are 0.
+
+    Samples that nearer triangles hide are set too. The last axis is in `row_order`.
     """
     gather = materialized(functools.partial(triangle_in_tile, tiling=tiling))
     draw = materialized(functools.partial(rasterize, tiling=tiling))
@@ -120,9 +132,9 @@ def triangle_in_tile(
     filled: Bool[HostOrDeviceArray, "*slots"],
     tiling: Tiling,
 ) -> TriangleInTile:
-    """Gather the edges and the bounding box of each slot's triangle, relative to its tile.
+    """Gather the edges and the bounding box of each slot's triangle, relative to the slot's tile.
 
-    For numpy and jax alike.
+    Arguments are as in `coverage_words`. For numpy and jax alike.
     """
     xp = triangle.__array_namespace__()
     column, row = tiling.first_sample(tile)
@@ -139,7 +151,10 @@ def triangle_in_tile(
 def rasterize(
     triangles: TriangleInTile, tiling: Tiling
 ) -> UInt32[HostOrDeviceArray, "*slots rows"]:
-    """Compute the coverage words of each slot, in `row_order`, for numpy and jax alike."""
+    """Compute the coverage words of each slot, with the last axis in `row_order`.
+
+    For numpy and jax alike.
+    """
     edges, columns, top, bottom = triangles
     xp = columns.__array_namespace__()
     row = row_order(tiling, xp).reshape((1,) * columns.ndim + (-1,))
@@ -155,9 +170,9 @@ def remove_hidden(
 ) -> tuple[UInt32[Array, "chunks slots rows"], UInt32[Array, "chunks rows"]]:
     """Remove from the coverage words of each slot the samples that nearer slots of its tile cover.
 
-    Returns the words that are left, and for each chunk the words of all samples that it or the
-    chunks before it in its tile cover. `max_chunks` is an upper bound on the number of chunks of a
-    tile.
+    Returns the words of the visible samples of each slot, and for each chunk the union of the
+    coverage words of all its slots and of all earlier chunks of its tile. `max_chunks` is an upper
+    bound on the number of chunks of a tile.
     """
     # Inclusive OR over the chunks of a tile, in log steps (Hillis and Steele 1986).
     covered = _union(words)
@@ -181,7 +196,11 @@ def _union(words: UInt32[Array, "chunks slots rows"]) -> UInt32[Array, "chunks r
 def _or_before(
     covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], reach: int
 ) -> UInt32[Array, "chunks rows"]:
-    """Join each chunk by OR with the one `reach` chunks before it, if it is in the same tile."""
+    """Join each chunk by OR with the chunk that comes `reach` chunks before it in the same tile.
+
+    `index` is the number of the chunk within its tile. A chunk without such a predecessor stays the
+    same.
+    """
     before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
     return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))
 
@@ -192,9 +211,10 @@ def _visible(
     covered: UInt32[Array, "chunks rows"],
     index: Int[Array, " chunks"],
 ) -> UInt32[Array, "chunks slots rows"]:
-    """Remove from each slot the samples that earlier chunks of its tile or earlier slots cover.
+    """Remove from each slot the samples that earlier chunks of its tile, or earlier slots, cover.
 
-    `covered` has the samples that each chunk and the chunks before it in its tile cover.
+    `covered` has, for each chunk, the samples that the chunk or earlier chunks of its tile cover.
+    `index` is the number of the chunk within its tile.
     """
     front = jnp.pad(covered[:-1], ((1, 0), (0, 0)))
     front = jnp.where((index > 0)[:, None], front, jnp.uint32(0))

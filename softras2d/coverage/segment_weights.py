@@ -1,14 +1,16 @@
-"""Weights of the corners, under exact area, for triangles whose area is lost in rounding errors.
+"""Barycentric weights under exact area for thin triangles, whose area is lost in rounding errors.
 
-Let a triangle of height h lie along its longest edge, which has length 1, and let s be the foot of
-the middle corner on it. At t along the edge the triangle is h f(t) high, where f rises linearly
-from 0 at the start to 1 at s and falls to 0 at the end. So the centroid of the part between two
-values of t, and the weights there, depend on f alone and not on h:
+The middle corner of a triangle is the corner opposite its longest edge. Let the longest edge go
+from t = 0 to t = 1, let the perpendicular from the middle corner meet it at t = s, and let h be the
+height of the triangle over it. At t the triangle is h f(t) high, where f rises linearly from 0 at
+the start to 1 at s and falls to 0 at the end. A pixel cuts a thin triangle to the piece between two
+values of t. So the centroid of this piece, and the weights there, depend on f alone and not on h:
 
     weight of the middle corner = (integral of f^2 / 2) / (integral of f),
-    weight of the end corner    = mean of t under f  -  s (weight of the middle corner).
+    weight of the end corner    = mean of t under f  -  s (weight of the middle corner),
 
-They are the limit of the weights at the centroid as a triangle collapses, from either side.
+with integrals over the piece. These weights are the limit of the weights at the centroid as a
+triangle collapses to a segment, from either side.
 """
 
 from typing import NamedTuple
@@ -29,13 +31,14 @@ _THICK = 2.0**-9
 _THIN = 2.0**-11
 """Greatest height, in pixels, of triangles whose weights are only those of the segment.
 
-Between the two heights both are blended, and both err by about 1e-4: the centroid by roundings, the
-segment because a pixel's sides cut a triangle that is not quite flat at an angle.
+Between the heights `_THIN` and `_THICK` the two kinds of weights are blended. Each errs by about
+1e-4 there: the weights at the centroid by roundings, and those of the segment because the sides of
+a pixel cut a triangle that is not quite flat at an angle.
 """
 
 
 class _Segment(NamedTuple):
-    """The longest edge of each slot's triangle.
+    """The longest edge of each slot's triangle, to which a thin triangle collapses.
 
     - `edge`: the edge, clipped to the rows of the tile.
     - `number`: index of the edge, 0..2, as a float.
@@ -57,12 +60,13 @@ def replace_if_thin(
     y: PointValues,
     tile_side: int,
 ) -> tuple[Array, Array, Array]:
-    """Replace the weights at the centroid by the weights of the segment where triangles are thin.
+    """Blend the weights at the centroid with the weights of the segment where triangles are thin.
 
-    - `weights`: weights of corners 0, 1 and 2 at the centroid.
+    - `weights`: weights of corners 0, 1 and 2 at the centroid of the covered area of each pixel.
     - `x`, `y`: centres of the pixels, in pixels from the tile's upper left.
 
-    It costs next to nothing if no triangle is thin.
+    Returns the blended weights of corners 0, 1 and 2. If no triangle is thin, the weights are
+    returned unchanged, at almost no cost.
     """
     segment = _longest_edge(outline, lines, tile_side)
 
@@ -79,7 +83,11 @@ def replace_if_thin(
 
 
 def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Segment:
-    """Find the longest edge of each slot's triangle; the first of equally long ones."""
+    """Find the longest edge of each slot's triangle, and how thin the triangle is.
+
+    Of equally long edges the first is taken. `thinness` is 0 if the edge cannot pass through the
+    slot's tile.
+    """
     edges = lines.edges
     lengths = [
         safe.divide(jnp.ones_like(edge.inverse_length), edge.inverse_length) for edge in edges
@@ -111,9 +119,11 @@ def _longest_edge(outline: Outline, lines: TriangleLines, tile_side: int) -> _Se
 def _segment_weights(
     segment: _Segment, at_centroid: tuple[Array, Array, Array], x: PointValues, y: PointValues
 ) -> tuple[Array, Array, Array]:
-    """Compute the weights of the three corners over the part of the segment in each pixel.
+    """Compute the weights of corners 0, 1 and 2 for the piece of the segment in each pixel.
 
-    A pixel in which the segment does not lie has the weights `at_centroid`.
+    The module's docstring gives the formulas. In a pixel that the segment does not cross, the
+    result is `at_centroid`. `x` and `y` are the pixel's centre, in pixels from the tile's upper
+    left.
     """
     enter, leave = interval_in_pixel(segment.edge, x, y)
     start = segment.edge.start + segment.edge.share * enter

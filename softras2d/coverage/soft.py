@@ -7,10 +7,11 @@ where along the boundary it lies no longer matters. Inside, and beside an edge, 
 inward normal, which is well defined on the edge itself. Around a corner n points from x to the
 corner, and is zero at the corner.
 
-A triangle without area is the segment between its two farthest corners, whatever the third: n then
-points from x to the segment, and is zero on it. Triangles thinner than a few roundings lie between
-the two cases, see `edge_lines`. The jvp and the vjp take each decision (edge or corner, which edge,
-which side of it) by the same function, with a preference where roundings could decide.
+A triangle without area is treated as the segment between its two farthest corners, wherever the
+third corner lies between them. Then n points from x to the segment, and is zero on the segment. For
+triangles thinner than a few roundings the two cases are blended (`TriangleLines.thickness`). The
+jvp and the vjp take each decision (edge or corner, which edge, which side of it) by the same
+function, which prefers one answer where roundings could decide.
 """
 
 import functools
@@ -51,9 +52,11 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """Take the velocity of the nearest point along the direction of the distance.
+        """Compute the change of coverage of each pixel as the corners move.
 
-        The change of coverage is this speed times the growth rate of the pixel's case.
+        It is the speed of the nearest point of the boundary, along the edge's inward normal or away
+        from the corner, times the rate of growth that `_growth_rates` gives for a movement in this
+        direction.
         """
         near = nearest_point(geometry, x, y)
         edge_rate, corner_rate = _growth_rates(self.profile, geometry, near, parameter)
@@ -84,11 +87,13 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "slots pixels"],
     ) -> Coordinates:
-        """Sum over the pixels in six cases: beside edge 0, 1 or 2, or around corner 0, 1 or 2.
+        """Sum the derivatives of coverage, times the cotangent, over the pixels.
 
-        A pixel beside an edge has the edge's direction, and t is linear in x and y along it. A
-        pixel around a corner has the direction from the corner. So three moments of each case are
-        all that the sums need.
+        There are six cases: pixels whose nearest point is on edge 0, 1 or 2, and pixels whose
+        nearest point is corner 0, 1 or 2. The derivatives in each case are the rate of growth times
+        an affine function of the pixel's position: for an edge, because t (`NearestPoint`) is
+        affine there; for a corner, because the vector from the corner to the pixel is. So the sums
+        follow from three moments of each case (`sum_moments`).
         """
         case = _nearest_feature(geometry, parameter, self.tile_side)
         weights = _growth_weights(self, geometry, parameter, case, cotangent)
@@ -99,23 +104,28 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
     def parameter_derivative(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Compute the derivative of coverage by the width, per pixel."""
+        """Compute the derivative of coverage by the width of the soft edge, per pixel of width."""
         q = _signed_distance(nearest_point(geometry, x, y)) / parameter
         # Beyond the support the slope is 0, and q may be as large as to overflow.
         bound = SUPPORT[self.profile]
         return -profile_derivative(self.profile, q) * jnp.clip(q, -bound, bound) / parameter
 
     def has_zero_derivatives(self, value: Array) -> Bool[Array, "*values slots pixels"]:
-        """Whether pixels are empty or full, as all pixels beyond the support of the profile are."""
+        """Whether the coverage of each pixel is exactly 0 or 1.
+
+        This is true beyond the support of the profile, where all derivatives are 0.
+        """
         return (value <= 0) | (value >= 1)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Distance at which the profile reaches 0, its support times the width."""
+        """Distance in pixels at which coverage reaches 0: the width times the profile's support."""
         return parameter.astype(jnp.float32) * SUPPORT[self.profile]
 
 
 class NearestPoint(NamedTuple):
-    """The point c of each triangle's boundary that is nearest to a point x; lengths in pixels.
+    """The point c of each triangle's boundary that is nearest to a point x.
+
+    Lengths are in pixels. x is usually the centre of a pixel.
 
     - `edge`: index of the edge on which c lies, 0..2, as a float.
     - `t`: how far along that edge c lies, 0..1.
@@ -141,9 +151,10 @@ class NearestPoint(NamedTuple):
 
 
 def nearest_point(lines: TriangleLines, x: PointValues, y: PointValues) -> NearestPoint:
-    """Find the nearest point of the boundary; `x`, `y` are in pixels from the tile's upper left.
+    """Find the point of each triangle's boundary that is nearest to the point (`x`, `y`).
 
-    A triangle without area has no inside.
+    `x` and `y` are in pixels from the upper left of the slot's tile. A triangle without area has no
+    inside.
     """
     best, least, is_inside, distances = None, None, lines.has_area, []
     for k, edge in enumerate(lines.edges):
@@ -187,7 +198,7 @@ _TIE = 2.0**-18
 
 
 def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
-    """Barycentric weights of the three corners at the nearest point of the boundary."""
+    """Barycentric weights of corners 0, 1 and 2 at the nearest point of the boundary."""
     edge, t = near.edge, near.t
     return (
         jnp.where(edge == 0, 1.0 - t, jnp.where(edge == 2, t, 0.0)),
@@ -197,12 +208,12 @@ def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
 
 
 def is_around_corner(near: NearestPoint) -> Array:
-    """Whether a point lies outside the triangle, and a corner is the nearest point of it."""
+    """Whether a point lies outside the triangle, and the triangle's nearest point is a corner."""
     return ~near.is_inside & (jnp.abs(near.excess) > ROUNDING)
 
 
 def _distance(near: NearestPoint) -> Array:
-    """Distance to the boundary, in pixels; zero, with zero gradient, on it."""
+    """Distance to the boundary, in pixels; zero, with zero gradient, on the boundary."""
     positive = near.square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, near.square, 1.0)), 0.0)
 
@@ -214,26 +225,30 @@ def _signed_distance(near: NearestPoint) -> Array:
 
 
 _FULL_DIRECTION = 2.0**-10
-"""Distance from a corner or segment, in pixels, from which on the direction to it is used in full.
+"""Least distance from a corner or segment, in pixels, at which the direction to it is used in full.
 
-Nearer than that its weight is less, and within `ROUNDING` it is 0. The error of the direction is a
-rounding divided by the distance, and at the corner itself there is no direction.
+At smaller distances the direction has a weight below 1, which is 0 within `ROUNDING`. The error of
+the direction is a rounding divided by the distance, and at the corner itself there is no direction.
 """
 
 
 def _direction_weight(distance: Array) -> Array:
-    """Weight, 0..1, of the direction to a corner or segment at this distance, in pixels."""
+    """Weight, 0..1, of the direction to a corner or segment at a given distance, in pixels.
+
+    It is 0 up to `ROUNDING`, 1 from `_FULL_DIRECTION` on, and linear between them.
+    """
     return jnp.clip((distance - ROUNDING) * (1.0 / (_FULL_DIRECTION - ROUNDING)), 0.0, 1.0)
 
 
 def _growth_rates(
     profile: str, lines: TriangleLines, near: NearestPoint, width: Parameter
 ) -> tuple[Array, Array]:
-    """Compute how fast coverage grows as the boundary moves, for each of two cases.
+    """Compute how fast coverage grows as the nearest point of the boundary moves.
 
-    The first rate is for pixels beside an edge: coverage per pixel of movement along the inward
-    normal. The second is for pixels around a corner: coverage per pixel of movement from the corner
-    towards the pixel's centre, divided by their distance.
+    Returns two rates for each pixel. The first is for a pixel whose nearest point is on an edge:
+    the change of coverage per pixel of movement along the edge's inward normal (negative inside).
+    The second is for a pixel whose nearest point is a corner: the change of coverage per pixel of
+    movement from the corner towards the pixel's centre, divided by the distance of the two points.
     """
     rate = profile_derivative(profile, _signed_distance(near) / width) / width
     distance = _distance(near)
@@ -246,7 +261,7 @@ def _growth_rates(
 
 
 def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
-    """Select, from one entry for each of the three edges, the entry of the nearest edge."""
+    """Select, from `entries` with one array for each of edges 0, 1 and 2, the nearest edge's."""
     first, second, third = entries
     return jnp.where(near.edge == 0, first, jnp.where(near.edge == 1, second, third))
 
@@ -255,7 +270,11 @@ def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
 def _nearest_feature(
     lines: TriangleLines, width: Parameter, tile_side: int
 ) -> Float[Array, "slots pixels"]:
-    """Find the case of every pixel: its nearest edge, 0..2, or 3 plus the corner it is around."""
+    """Find the case of every pixel, 0..5, as a float.
+
+    It is the index 0..2 of the edge on which the nearest point of the boundary lies, or 3 plus the
+    index of the corner if the nearest point is a corner and the pixel's centre is outside.
+    """
     lines, _, x, y = spread(lines, width, tile_side)
     near = nearest_point(lines, x, y)
     corner = jnp.where(near.t > 0.5, near.edge + 1, near.edge)
@@ -271,7 +290,10 @@ def _growth_weights(
     case: Float[Array, "slots pixels"],
     cotangent: Float[Array, "slots pixels"],
 ) -> Float[Array, "slots pixels"]:
-    """Multiply the cotangent by the growth rate of each pixel's case (`_nearest_feature`)."""
+    """Multiply the cotangent of each pixel by the rate of growth (`_growth_rates`) of its case.
+
+    `case` is the result of `_nearest_feature`.
+    """
     lines, width, x, y = spread(lines, width, coverage.tile_side)
     near = nearest_point(lines, x, y)
     edge_rate, corner_rate = _growth_rates(coverage.profile, lines, near, width)
@@ -280,9 +302,10 @@ def _growth_weights(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 6 3"]) -> Coordinates:
-    """Compute the derivatives by the corners from the moments of the six cases.
+    """Compute the derivatives by the six coordinates of the corners, for `SoftCoverage.vjp`.
 
-    The third axis of `moments` has the sums of the weights times 1, x and y.
+    The second axis of `moments` has the six cases of `_nearest_feature`. The third axis has the
+    sums, over the pixels of the case, of the weights (`_growth_weights`) times 1, x and y.
     """
     gradient = [jnp.zeros_like(lines.first.distance)] * 6
     for k, edge in enumerate(lines.edges):

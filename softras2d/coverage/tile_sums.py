@@ -26,10 +26,11 @@ _BLOCK = 2048
 
 
 def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array, Array]:
-    """Make the arguments of a `PixelFunction` for all slots and all pixels of a tile.
+    """Make the arguments of a `PixelFunction` (`analytic`) for all slots and all pixels of a tile.
 
-    Returns the geometry as `[slots, 1]`, the parameter unchanged, and x and y of the pixels'
-    centres as `[1, pixels]`. `side` is the side of a tile, in pixels.
+    `geometry` is a tree of arrays `[slots]`. Returns the geometry as `[slots, 1]`, the parameter
+    unchanged, and x and y of the pixels' centres as `[1, pixels]`. `side` is the side of a tile, in
+    pixels.
     """
     x, y = pixel_centers(side, parameter.dtype)
     return jax.tree.map(lambda entry: entry[:, None], geometry), parameter, x, y
@@ -38,7 +39,10 @@ def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array,
 def pixel_centers(
     side: int, dtype: Any
 ) -> tuple[Float[Array, "1 pixels"], Float[Array, "1 pixels"]]:
-    """x and y of the centres of a tile's pixels, from its upper left, rows from the top."""
+    """x and y of the centres of a tile's pixels, in pixels from the tile's upper left.
+
+    Pixels are listed row by row from the top. `side` is the side of the tile, in pixels.
+    """
     number = jnp.arange(side * side, dtype=jnp.int32)[None]
     return (number % side).astype(dtype) + 0.5, (number // side).astype(dtype) + 0.5
 
@@ -50,7 +54,7 @@ def tile_side_of(values: Float[Array, "*slots pixels"]) -> int:
 
 @materialized
 def gather_slots(tree: Tree, slots: Int[Array, " block"]) -> Tree:
-    """Gather the slots of these indices from a tree of arrays `[slots, ...]`."""
+    """Gather the entries with the indices `slots` from a tree of arrays `[slots, ...]`."""
     return jax.tree.map(lambda entry: entry.at[slots].get(mode="clip"), tree)
 
 
@@ -59,10 +63,12 @@ def for_each_block(
     visit: Callable[[Int[Array, " block"], Tree], Tree],
     total: Tree,
 ) -> Tree:
-    """Compute `total = visit(block, total)` for all blocks of slots that have a flagged pixel.
+    """Apply `total = visit(block, total)` to blocks of the slots that have a flagged pixel.
 
-    A block has the indices of `_BLOCK` slots; unused entries are one past the last slot. If there
-    are no more than `_BLOCK` slots, all are one block, flagged or not. Returns the last total.
+    A block is an array of the indices of `_BLOCK` slots. Unused entries of the last block are the
+    index one past the last slot: `visit` should gather with the mode "clip" and write with "drop".
+    If there are no more than `_BLOCK` slots, all of them make one block, flagged or not. Returns
+    the total after the last block.
     """
     slots = flags.shape[0]
     if slots <= _BLOCK:
@@ -119,7 +125,7 @@ def _add_row(
     parameter: Any,
     by_row: list[Float[Array, "rows columns slots"]],
 ) -> list[Array]:
-    """Add the terms of one row of pixels to `sums`."""
+    """Add the terms of all pixels in one row of the tile to `sums`, for `sum_over_pixels`."""
     y = row.astype(parameter.dtype) + 0.5
     in_row = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in by_row]
     for column in range(by_row[0].shape[1]):
@@ -137,9 +143,13 @@ def sum_along_edges(
 ) -> tuple[tuple[Float[Array, " slots"], ...], ...]:
     """Sum each of `terms(edge, x, y, *pixel_values)` over the pixels, for each of the three edges.
 
-    `in_tile` says of each edge and slot whether the terms can differ from 0 in the tile. In most
-    slots only one edge passes through the tile, and only that one is visited. Returns, for each
-    edge, the sums `[slots]` of all terms.
+    - `terms`: returns a list of arrays, from one edge of each slot (`edge`) and the centre of a
+      pixel (`x`, `y`), in pixels from the tile's upper left.
+    - `outline`: the data of edges 0, 1 and 2, each a tree of arrays `[slots]`.
+    - `in_tile`: for edges 0, 1 and 2, an array `[slots]` that says whether the terms can differ
+      from 0 in the tile. In most slots this is so for one edge only, and the others are skipped.
+
+    Returns, for each edge, the sums `[slots]` of all terms.
     """
     slots, dtype = pixel_values[0].shape[0], pixel_values[0].dtype
     no_parameter = jnp.zeros((), dtype)
@@ -166,27 +176,31 @@ def sum_along_edges(
 def _join_edges(
     outline: tuple[Tree, Tree, Tree], in_tile: tuple[Array, Array, Array]
 ) -> tuple[Tree, Bool[Array, " edges"]]:
-    """Concatenate the edges of all slots: first edges, second edges, third edges."""
+    """Concatenate the edges of all slots: edge 0 of every slot, then edge 1, then edge 2.
+
+    Does so for the data of the edges and for the flags `in_tile`.
+    """
     joined = jax.tree.map(lambda *edges: jnp.concatenate(edges), *outline)
     return joined, jnp.concatenate(in_tile)
 
 
 @materialized
 def _put_each(total: list[Array], sums: tuple[Array, ...], block: Array) -> list[Array]:
-    """Write the sums of a block of edges into `total`, the sums of all edges."""
+    """Write the sums of the edges with the indices `block` into `total`, the sums of all edges."""
     return [a.at[block].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
 
 
 def sum_moments(
     case: Float[Array, "slots pixels"], weighted_cases: list[tuple[int, Array]]
 ) -> Float[Array, "slots entries 3"]:
-    """Sum weights times 1, times x and times y, each over the pixels of one case.
+    """Sum weights times 1, times x and times y over the pixels of a tile that belong to one case.
 
     - `case`: number of the case of every pixel.
     - `weighted_cases`: for each entry of the result, the number of a case and the weights
       `[slots, pixels]` to sum over the pixels of this case.
 
-    x and y are the centre of a pixel, in pixels from the tile's upper left.
+    x and y are the centre of a pixel, in pixels from the tile's upper left. The last axis of the
+    result has the sums times 1, x and y.
     """
     cases = tuple(number for number, _ in weighted_cases)
     return _moments(_select_cases(case, [weights for _, weights in weighted_cases], cases))
@@ -196,7 +210,7 @@ def sum_moments(
 def _select_cases(
     case: Float[Array, "slots pixels"], weights: list[Array], cases: tuple[int, ...]
 ) -> Float[Array, "slots entries pixels"]:
-    """Set each entry of `weights` to 0 at the pixels of other cases than its own in `cases`."""
+    """Stack `weights`, with entry i set to 0 at all pixels whose case is not `cases[i]`."""
     return jnp.stack(
         [
             jnp.where(case == number, entry, 0.0)
@@ -208,7 +222,7 @@ def _select_cases(
 
 @materialized
 def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slots entries 3"]:
-    """Sum weights times 1, times x and times y over the pixels, as one matrix product."""
+    """Sum weights times 1, times x and times y over the pixels of a tile, as a matrix product."""
     x, y = pixel_centers(tile_side_of(weights), weights.dtype)
     moments = jnp.concatenate([jnp.ones_like(x), x, y]).T
     flat = weights.reshape(-1, weights.shape[2])
@@ -218,9 +232,9 @@ def _moments(weights: Float[Array, "slots entries pixels"]) -> Float[Array, "slo
 
 @jax.custom_jvp
 def sum_pixels(*weights: Float[Array, "slots pixels"]) -> tuple[Float[Array, " slots"], ...]:
-    """Sum several arrays over the pixels of each slot, in one loop.
+    """Sum each of several arrays over the pixels of each slot, in one loop for all arrays.
 
-    Terms that the arrays share are then computed once.
+    Intermediate results that the arrays share are then computed only once.
     """
     zeros = tuple(jnp.zeros((), weight.dtype) for weight in weights)
     return tuple(
