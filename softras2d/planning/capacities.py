@@ -51,10 +51,11 @@ class Capacity(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """Lengths of the lists of `Capacity` that a scene needed, known after its program has run.
+    """Lengths that one scene needed for the lists of `Capacity`, as counted by a render.
 
-    A list that the program does not make has 0. `slots_per_chunk` is always 0: it is chosen by the
-    plan, and no scene needs more or less of it.
+    Each field has the meaning of the field of `Capacity` with the same name. A list that the
+    program does not make has 0. `slots_per_chunk` is always 0, because it is a choice of the plan
+    and not the length of a list.
     """
 
     strips: int | Int[Array, ""] = 0
@@ -68,7 +69,7 @@ class Needs(NamedTuple):
 
 
 class Headroom(NamedTuple):
-    """How the capacities of a plan follow from the needs of its scenes.
+    """Rule by which the capacities of a plan follow from the list lengths that its scenes need.
 
     Unused capacity costs as much as used capacity. But with little headroom, triangles that move
     outgrow their plan, and similar scenes do not share programs. Numbers of slots below count the
@@ -76,7 +77,7 @@ class Headroom(NamedTuple):
 
     - `merge_cost`: cost of merging one chunk with the others of its tile, as a number of slots of
       equal cost.
-    - `divisor`: a need is increased by the need divided by this, rounded up.
+    - `divisor`: a needed length n is increased to n + n / `divisor`, rounded up.
     - `least_slots`: least number of slots, and least capacity for strips and for pairs.
     - `coarse_slots`: up to this number of slots, size classes of the slots are powers of two; above
       it, also three quarters of powers of two.
@@ -134,10 +135,10 @@ _LEAST_MAX_CHUNKS, _COARSE_MAX_CHUNKS = 4, 16
 """Least `Capacity.max_chunks` of all plans, and of plans of up to `Headroom.small_slots` slots."""
 
 _MAX_CHUNKS_DIVISOR = 4
-"""Takes the place of `Headroom.divisor` for `Capacity.max_chunks`."""
+"""Divisor that is used for `Capacity.max_chunks` instead of `Headroom.divisor`."""
 
 _LEAST_RATIO = 0.25
-"""Least ratio of a capacity to the number of slots, for lists in proportion to the slots."""
+"""Least ratio of a capacity to the number of slots, where capacities are in proportion to slots."""
 
 
 def choose_capacity(
@@ -148,11 +149,12 @@ def choose_capacity(
     headroom: Headroom,
     slots_per_chunk: int | None = None,
 ) -> Capacity:
-    """Choose capacities for the largest needs of the scenes, with headroom.
+    """Choose capacities that are enough for each of several scenes, with headroom.
 
-    - `counts`: lengths of the lists of each scene.
+    - `counts`: the list lengths that each scene needs.
     - `in_order`: whether lists are visited in order, for translucency or for the depth test.
     - `pixels`: number of pixels of the canvas.
+    - `headroom`: rule by which capacities follow from the needed lengths.
     - `slots_per_chunk`: slots of a chunk; None chooses the number of least cost.
     """
     if slots_per_chunk is None:
@@ -190,9 +192,10 @@ def choose_capacity(
 
 
 def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
-    """Choose the number of slots of a chunk, of those in `CHUNK_SIZES`, that costs least in total.
+    """Choose the number of slots of a chunk, from `CHUNK_SIZES`, at which the lists cost least.
 
-    The total is over all scenes. Small scenes always get the smallest number.
+    The cost is summed over all scenes, of which `counts` has the list lengths. If all scenes need
+    no more than `Headroom.least_slots` slots, the smallest number is chosen.
     """
     chunks = {
         size: [int(_chunks_of_tiles(scene, size).sum()) for scene in counts] for size in CHUNK_SIZES
@@ -206,18 +209,22 @@ def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
 
 
 def _chunks_of_tiles(scene: Counts, slots_per_chunk: int) -> np.ndarray:
-    """Number of chunks of `slots_per_chunk` slots that each tile needs, greatest first."""
+    """Number of chunks of `slots_per_chunk` slots that each tile needs, in descending order."""
     return -(-scene.list_lengths // slots_per_chunk)
 
 
 def _in_proportion(
     need: int, needed_slots: int, slots: int, *, allow_three_quarters: bool = False
 ) -> int:
-    """Capacity for a list that needs `need` entries, in proportion to the slots of the plan.
+    """Choose the capacity of a list in proportion to the number of slots of a plan.
 
-    It is `slots`, the number of slots of the plan, times the least power of two that is not below
-    `need / needed_slots` nor below `_LEAST_RATIO`. With `allow_three_quarters`, three
-    quarters of a power of two are allowed too.
+    - `need`: number of entries that the list needs.
+    - `needed_slots`: number of slots that the scenes need.
+    - `slots`: number of slots of the plan.
+    - `allow_three_quarters`: whether the ratio may also be three quarters of a power of two.
+
+    The result is `slots` times a ratio: the least power of two that is not below
+    `need / needed_slots` nor below `_LEAST_RATIO`.
     """
     ratio = max(need / needed_slots, _LEAST_RATIO)
     octave = 2.0 ** math.ceil(math.log2(ratio))
@@ -227,7 +234,10 @@ def _in_proportion(
 
 
 def _slot_class(need: int, headroom: Headroom) -> int:
-    """Size class for the slots of all chunks together: the number needed, plus its headroom."""
+    """Number of slots of all chunks of a plan together, for scenes that need `need` slots.
+
+    It is the needed number with its headroom, rounded up to a size class (`Headroom`).
+    """
     wanted = _with_headroom(need, headroom)
     if headroom.fine_slots is not None and wanted > headroom.fine_slots:
         # An image of a large scene takes as long as its slots, used or not.
@@ -240,7 +250,8 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
     """Choose `Capacity.max_chunks`: a power of two, at least a quarter above `need`.
 
     `need` is the number of chunks of the tile with the longest list, and `slots` the number of
-    slots of the plan. This need varies most from scene to scene, and its capacity costs least.
+    slots of the plan. The headroom is large, because this number varies most from scene to scene,
+    and `max_chunks` costs least of all capacities.
     """
     need -= -need // _MAX_CHUNKS_DIVISOR
     if slots <= headroom.small_slots:
@@ -249,10 +260,11 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
 
 
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
-    """Capacity for fragments, each of which costs a shading; 0 if none are needed.
+    """Choose `Capacity.fragments` for scenes that need `need` fragments; 0 if they need none.
 
-    A scene that fills the canvas of `pixels` pixels needs one fragment for each pixel and few more.
-    So the capacity is at most the number of pixels, plus a size class for the need beyond it.
+    Each fragment costs one evaluation of a colour, used or not. A scene that fills the canvas of
+    `pixels` pixels needs one fragment for each pixel and few more. So the capacity is at most the
+    number of pixels, plus a size class for the fragments beyond this number.
     """
     if need == 0:
         return 0
@@ -261,11 +273,12 @@ def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
 
 
 def _with_headroom(need: int, headroom: Headroom) -> int:
+    """Increase a needed length by its headroom, `need / headroom.divisor` rounded up."""
     return need - -need // headroom.divisor
 
 
 def _size_class(need: int, least: int, coarse: int) -> int:
-    """Round a length up to a size class of at least `least` entries.
+    """Round a needed length up to a size class, which is at least `least`.
 
     Size classes are powers of two, and above `coarse` also three quarters of powers of two.
     """

@@ -1,7 +1,8 @@
-"""Effects that a render may draw, one row of a table each.
+"""Effects that a render may draw, each of which is a row of the table `EFFECTS`.
 
-A scene pays only for the effects that it calls for. Most of them can be read from the structure of
-the scene, so that the compiled program of a scene without an effect does not contain it.
+A scene pays only for the effects that it calls for. Whether it calls for an effect mostly follows
+from the shapes of its arrays and from the arrays that it leaves out. So the compiled program of a
+scene without an effect does not contain the effect.
 """
 
 from collections.abc import Callable
@@ -19,9 +20,11 @@ from ..scene import Scene, take_triangles
 
 
 class Drawing(NamedTuple):
-    """A concrete scene and how it is drawn.
+    """A scene and how it is drawn.
 
-    - `grid`: canvas, samples and snapping grid.
+    The scene's arrays are concrete, or only shapes where a plan looks at no values.
+
+    - `grid`: size of the canvas, samples per pixel, and fixed-point grid.
     - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     """
 
@@ -38,8 +41,8 @@ class Effect(NamedTuple):
     - `reason`: text that tells a user what in the scene or in the options calls for the effect.
     - `is_present`: whether a drawing calls for the effect. It does not ask whether the drawing's
       coverage mode has such an effect; the lists of effects in `rendering.coverage_mode` say that.
-    - `without`: returns the drawing without the effect. `rendering.cost` compares what both cost,
-      and `simplify` removes effects that do not show.
+    - `without`: returns the drawing without the effect. `rendering.cost` compares the costs of the
+      two drawings, and `simplify` removes effects that do not show.
     """
 
     reason: str
@@ -48,27 +51,29 @@ class Effect(NamedTuple):
 
 
 def is_translucent(scene: Scene) -> bool:
-    """Whether colours or textures have an alpha channel, so that all triangles are composited."""
+    """Whether colours or textures have an alpha channel; if so, all triangles are composited."""
     textures = scene.textures
     return scene.colors.shape[-1] == 4 or (textures is not None and textures.channels == 4)
 
 
 def varies(scene: Scene) -> bool:
-    """Whether the colour of a triangle may differ from point to point."""
+    """Whether the colour of a triangle may differ from point to point within the triangle."""
     return scene.textures is not None or scene.colors.shape[-2] == 3
 
 
 def is_shaded(scene: Scene, shading: str) -> bool:
-    """Whether the colours of a scene are evaluated point by point; `shading` is `Hard.shading`.
+    """Whether sampled coverage has to evaluate the colours of a scene point by point.
 
-    Otherwise they are affine on the screen and wanted at each sample. Their sum over the covered
-    samples then follows from the number of these samples and the sums of their positions.
+    `shading` is `Hard.shading`. If the result is false, the colour of each triangle is affine on
+    the screen, and is taken at each sample. The sum of the colours over covered samples then
+    follows from the number of these samples and the sums of their columns and rows.
     """
     is_not_affine = scene.inverse_w is not None or shading == "pixel"
     return scene.textures is not None or (varies(scene) and is_not_affine)
 
 
 def _is_pixel_shaded(drawing: Drawing) -> bool:
+    """Whether colours vary within a triangle and are evaluated once per pixel and triangle."""
     shading = getattr(drawing.coverage, "shading", "sample")
     return shading == "pixel" and varies(drawing.scene)
 
@@ -89,25 +94,30 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
 
 
 def _has_mip_levels(drawing: Drawing) -> bool:
+    """Whether textures have levels above the base, and the filter reads them."""
     textures = drawing.scene.textures
     return textures is not None and textures.depth > 1 and drawing.filter.level != "zero"
 
 
 def _replace_scene(drawing: Drawing, **fields: Any) -> Drawing:
+    """Return the drawing with these fields of its scene replaced."""
     return drawing._replace(scene=replace(drawing.scene, **fields))
 
 
 def _replace_filter(drawing: Drawing, **fields: Any) -> Drawing:
+    """Return the drawing with these fields of its filter replaced."""
     return drawing._replace(filter=replace(drawing.filter, **fields))
 
 
 def _with_first_corner_colors(drawing: Drawing) -> Drawing:
+    """Return the drawing with flat triangles, in the colours of their first corners."""
     # On the host, where no program is compiled for the shape.
     colors = to_device(np.asarray(drawing.scene.colors)[:, :1])
     return _replace_scene(drawing, colors=colors)
 
 
 def _without_alpha(drawing: Drawing) -> Drawing:
+    """Return the drawing without the alpha channels of colours and texels."""
     textures = drawing.scene.textures
     if textures is not None:
         textures = replace(textures, texels=textures.texels[:, :3])
@@ -115,6 +125,7 @@ def _without_alpha(drawing: Drawing) -> Drawing:
 
 
 def _with_hard_coverage(drawing: Drawing) -> Drawing:
+    """Return the drawing with sampled coverage of one sample per pixel."""
     return drawing._replace(coverage=Hard(samples=1))
 
 
@@ -201,10 +212,10 @@ SCENE_EFFECTS = frozenset(
 def is_occluder(scene: Scene, orientation: Any) -> Any:
     """Whether each triangle is known to be opaque wherever it covers, hiding what is behind it.
 
-    `orientation` and the result are `[triangles]`, and `orientation` is the sign of the area. Not
-    counted are triangles of no area, triangles with a texture if textures have alpha, and, as draw
-    order does not tell there what is behind, all triangles of a scene with depth. For numpy and
-    jax alike.
+    `orientation`, the sign of each triangle's area, and the result are `[triangles]`. The result is
+    false for triangles without area, for triangles with an alpha below 1 at a corner, and for
+    triangles with a texture if textures have alpha. It is false for all triangles of a scene with
+    depth, because draw order does not tell there which triangle is behind. For numpy and jax alike.
     """
     xp = orientation.__array_namespace__()
     solid = orientation != 0

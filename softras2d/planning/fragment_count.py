@@ -20,7 +20,7 @@ _BATCH = 4096
 
 
 class ListedPairs(NamedTuple):
-    """Pairs of a tile and a triangle that no occluder hides, in any order.
+    """Pairs of a tile and a triangle that no occluder hides in the whole tile, in any order.
 
     - `tile`, `triangle`: index of the tile and of the triangle.
     - `covers_tile`: whether the triangle covers the whole tile.
@@ -32,9 +32,9 @@ class ListedPairs(NamedTuple):
 
 
 class DepthPlanes(NamedTuple):
-    """Depth of each triangle as an affine function on the samples of the canvas.
+    """Depth of each triangle as an affine function on the samples of the canvas, in float64.
 
-    - `start`: depth at sample (0, 0).
+    - `start`: depth at sample (0, 0) of the canvas.
     - `right`, `down`: change of the depth from a sample to the next one to the right or below.
     - `error`: bound on the difference from the depth that a device computes; 0 for triangles of
       constant depth.
@@ -47,9 +47,10 @@ class DepthPlanes(NamedTuple):
 
 
 class _TileLists(NamedTuple):
-    """Lists of some tiles, nearest triangle first.
+    """Lists of some tiles, in each of which the nearest triangle comes first.
 
-    - `tile`, `triangle`: indices of both, for every pair of all tiles.
+    - `tile`, `triangle`: index of the tile and of the triangle of every pair of all tiles, also of
+      tiles that have no list here.
     - `start`, `count`: for each list, the index of its first pair, and the number of its pairs.
     """
 
@@ -59,7 +60,7 @@ class _TileLists(NamedTuple):
     count: np.ndarray
 
     def at(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the lists longer than `position`, and of the pair that each has there."""
+        """Indices of the lists longer than `position`, and the index of the pair there in each."""
         longer = np.flatnonzero(self.count > position)
         return longer, self.start[longer] + position
 
@@ -67,8 +68,9 @@ class _TileLists(NamedTuple):
 WordsOfPairs = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """A function from indices of pairs to two arrays of coverage words `[pairs, rows]`.
 
-The first has the samples at which a pair's triangle may show unless a nearer one of the list hides
-it, the second the samples at which it surely hides everything behind it.
+The first array has the samples at which the triangle of a pair shows unless a nearer triangle of
+the list hides it. The second has the samples at which this triangle surely hides all triangles
+behind it.
 """
 
 
@@ -79,10 +81,14 @@ def count_fragments(
     depth: DepthPlanes | None,
     tiling: Tiling,
 ) -> int:
-    """Number of fragments of an opaque scene; `depth` is None for a scene without depth.
+    """Number of fragments of an opaque scene: pairs of a triangle and a pixel that shows it.
 
-    With depth it is an upper bound: of triangles whose depths agree to within their rounding
-    errors, each may show.
+    - `edges`, `bounds`: of all triangles.
+    - `pairs`: the pairs of a tile and a triangle that are listed.
+    - `depth`: the depth of all triangles; None for a scene without depth.
+
+    With depth the result is an upper bound: where the depths of several triangles agree to within
+    their rounding errors, each of these triangles is counted.
     """
     # A triangle that covers a tile and is alone in its list shows in each pixel of the tile.
     length = np.bincount(pairs.tile, minlength=tiling.count)
@@ -112,7 +118,7 @@ def count_fragments(
 
 
 def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Tiling) -> int:
-    """Number of pixels in which each listed triangle may show, summed over all lists."""
+    """Number of pixels in which a listed triangle may show, summed over all triangles and lists."""
     hidden = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
     total = 0
     for position in range(int(lists.count.max())):
@@ -125,9 +131,10 @@ def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Til
 
 
 def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
-    """Compute the depth planes of a scene whose snapped corners are `[triangles, 3, 2]`, in pixels.
+    """Compute the depth planes of a scene with depth.
 
-    A triangle of no area has the mean depth of its corners everywhere.
+    `corners` are the snapped corners `[triangles, 3, 2]`, in pixels from the canvas's upper left. A
+    triangle without area has the mean depth of its corners everywhere.
     """
     assert scene.depth is not None
     x, y = np.nan_to_num(corners.astype(np.float64)).transpose(2, 1, 0)
@@ -148,12 +155,13 @@ def depth_planes(corners: np.ndarray, scene: Scene, grid: Grid) -> DepthPlanes:
 def _test_depth(
     lists: _TileLists, words_of: WordsOfPairs, depth: DepthPlanes, tiling: Tiling
 ) -> WordsOfPairs:
-    """Make the `WordsOfPairs` of lists with depth from `words_of`, the covered samples.
+    """Make the `WordsOfPairs` for lists of a scene with depth.
 
-    The first word has the samples at which the triangle may be the nearest of its list, the second
-    those at which it surely is. Rounding errors, which differ between devices, decide which of two
-    surfaces at nearly one depth is nearer. Where depths agree to within their errors, all of the
-    triangles may show.
+    `words_of` gives the samples that the triangles cover. The first word of the result has the
+    covered samples at which the triangle may be the nearest of its list, and the second those at
+    which it surely is the nearest. Rounding errors, which differ between devices, decide which of
+    two surfaces at nearly the same depth is nearer. So where depths agree to within their errors,
+    all of the triangles may show.
     """
     first_pair = int(lists.start.min())
     pairs = int((lists.start + lists.count).max()) - first_pair
@@ -165,10 +173,11 @@ def _test_depth(
     def visit_pairs() -> Iterator[
         tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     ]:
-        """Yield, for each position, the lists that reach it and the pair that each has there.
+        """Visit the pairs of all lists, one position of the lists after another.
 
-        Also yields the covered samples `[lists, rows, columns]`, and the lower and the upper bound
-        on the depth at each sample.
+        For each position, yields the indices of the lists that are longer, the index of the pair at
+        this position in each of them, the samples `[lists, rows, columns]` that its triangle
+        covers, and a lower and an upper bound on the triangle's depth at each of these samples.
         """
         for position in range(int(lists.count.max())):
             tiles, pair = lists.at(position)

@@ -31,11 +31,11 @@ A pair takes some 70 bytes of memory.
 
 
 class Counts(NamedTuple):
-    """Lengths that the lists of one scene need.
+    """Lengths that the lists of one scene need, as `Capacity` defines the lists.
 
     - `strips`, `pairs`: number of strips and of pairs, including hidden pairs.
-    - `list_lengths`: number of triangles listed for each tile, without hidden pairs; the longest
-      list comes first, whatever its tile.
+    - `list_lengths`: number of triangles listed for each tile, without hidden pairs. The lengths
+      are sorted, longest first, so that their order says nothing about the tiles.
     - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
     - `runs`: number of runs of crossings (`gradients.crossings`); None if no render of the
       scene uses a list of them.
@@ -49,7 +49,7 @@ class Counts(NamedTuple):
 
 
 def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
-    """Count the lists of a scene under sampled coverage.
+    """Count the entries of each list that a render of a scene needs under sampled coverage.
 
     `origin` is the point (x, y) of the scene, in whole pixels, at the canvas's upper left. Raises
     `ValueError` for more than `MOST_PAIRS` strips or pairs.
@@ -75,8 +75,9 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
 def count_analytic_lists(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
-    """Count the lists of a scene under analytic coverage.
+    """Count the entries of each list that a render of a scene needs under analytic coverage.
 
+    - `tiling`: the square tiles of the canvas.
     - `reach`: how far coverage extends beyond the edges, in pixels.
     - `origin`: as in `count_sampled_lists`.
     - `summed`: whether signed areas are added, so that no triangle hides another.
@@ -93,9 +94,10 @@ def count_analytic_lists(
 def sampled_list_lengths(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of triangles listed for each tile under sampled coverage.
+    """Number of triangles listed for each tile under sampled coverage, without hidden pairs.
 
-    The result has the rows and columns of the tiling. Arguments are as in `count_sampled_lists`.
+    The result has an entry for each row and column of tiles. Arguments are as in
+    `count_sampled_lists`.
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
@@ -107,9 +109,10 @@ def sampled_list_lengths(
 def analytic_list_lengths(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of triangles listed for each tile under analytic coverage.
+    """Number of triangles listed for each tile under analytic coverage, without hidden pairs.
 
-    The result has the rows and columns of the tiling. Arguments are as in `count_analytic_lists`.
+    The result has an entry for each row and column of tiles. Arguments are as in
+    `count_analytic_lists`.
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
@@ -130,6 +133,7 @@ def _project(
 
 
 def _lengths_by_tile(listed: ListedPairs, tiling: Tiling) -> Int[np.ndarray, "rows columns"]:
+    """Number of listed pairs of each tile, by row and column of tiles."""
     lengths = np.bincount(listed.tile, minlength=tiling.count)
     return lengths.reshape(tiling.rows, tiling.columns)
 
@@ -137,9 +141,11 @@ def _lengths_by_tile(listed: ListedPairs, tiling: Tiling) -> Int[np.ndarray, "ro
 def _count_pairs(
     edges: Edges | Lines, bounds: SampleBounds, occluders: np.ndarray, tiling: Tiling
 ) -> tuple[Counts, ListedPairs]:
-    """Count strips and pairs, and return the pairs that `tiles.list_tiles` lists on the device.
+    """Count strips, pairs and list lengths of a scene, and return its listed pairs.
 
-    The counts have no fragments and no runs yet.
+    `edges` and `bounds` are as in `pairs.find_pairs`, and `occluders` says which triangles are
+    opaque wherever they cover. The listed pairs are those that `tiles.list_tiles` lists on the
+    device. Fragments and runs are not counted: the fields have their defaults.
     """
     pairs = find_pairs(
         edges,
@@ -157,7 +163,7 @@ def _count_pairs(
 
 
 def _expand_unless_many(count: np.ndarray) -> Expansion:
-    """Do as `expand_on_host` does, but raise `ValueError` for more than `MOST_PAIRS` entries."""
+    """Expand counts as `expand_on_host` does; `ValueError` for more than `MOST_PAIRS` entries."""
     pairs = int(count.sum(dtype=np.int64))
     if pairs > MOST_PAIRS:
         raise ValueError(

@@ -18,11 +18,11 @@ from .worst_case import worst_case
 
 
 class Plan(eqx.Module):
-    """How to draw a scene and others like it, made by `plan`; `print` it to see.
+    """How a scene, and scenes like it, are drawn; made by the function `plan`.
 
-    Plans whose static fields are equal share one compiled program. These values are arrays, which
-    may change without compiling again: `origin`, `filter.lod_bias`, and the `width` and the
-    `temperature` of `Soft`.
+    `print(plan)` shows all of it. Plans whose static fields are equal share one compiled program.
+    These values are arrays, which may change without compiling again: `origin`, `filter.lod_bias`,
+    and the `width` and the `temperature` of `Soft`.
 
     - `height`, `width`: size of the canvas, in pixels.
     - `coverage`, `filter`: the options as chosen.
@@ -32,11 +32,12 @@ class Plan(eqx.Module):
     - `lists_all`: whether every tile lists every triangle, so that no positions can outgrow the
       plan, whatever the number of triangles. `capacity` is then for the scenes planned for, and
       `capacity_of` computes it for other numbers of triangles.
-    - `effects`: names of the rows of `EFFECTS` that the scenes need.
-    - `on_overflow`: what a compiled program does for a scene that outgrows the plan: `"raise"`
-      raises an error, `"nan"` only returns NaN.
-    - `grid_bits`: vertices are snapped to multiples of 2^-grid_bits pixel in hard mode; None is
-      the finest grid that fits the canvas.
+    - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need.
+    - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
+      needs longer lists or reaches past the guard band: `"raise"` raises an error, `"nan"` only
+      returns NaN.
+    - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; None
+      stands for the finest grid that fits the canvas.
     """
 
     height: int = eqx.field(static=True)
@@ -53,12 +54,12 @@ class Plan(eqx.Module):
 
     @property
     def hard(self) -> Hard:
-        """The `coverage` of the plan, which must be for hard mode."""
+        """The `coverage` of the plan, which must be `Hard`, with its type."""
         return cast(Hard, self.coverage)
 
     @property
     def cuts_far_triangles(self) -> bool:
-        """Whether, in hard mode, triangles past the guard band are expected and cut to it."""
+        """Whether, under `Hard`, triangles past the guard band are expected and cut to the band."""
         return GUARD_BAND in self.effects
 
     @property
@@ -68,7 +69,7 @@ class Plan(eqx.Module):
 
     @property
     def grid(self) -> Grid:
-        """Canvas, samples and snapping grid."""
+        """Size of the canvas, samples per pixel, and fixed-point grid."""
         return Grid.for_canvas(self.height, self.width, self.coverage.rate, self.grid_bits)
 
     @property
@@ -77,13 +78,20 @@ class Plan(eqx.Module):
         return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
 
     def capacity_of(self, triangles: int) -> Capacity:
-        """Capacities for a scene of this many triangles: `capacity`, unless `lists_all`."""
+        """Capacities for a scene of this many triangles.
+
+        They are `capacity`, unless `lists_all` is true: then they are the worst case for this
+        number of triangles.
+        """
         if not self.lists_all:
             return self.capacity
         return worst_case(triangles, self.tiling, slots_per_chunk=self.capacity.slots_per_chunk)
 
     def holds(self, other: "Plan") -> bool:
-        """Whether the plan is large enough for the scenes of `other`, a plan of the same canvas."""
+        """Whether this plan is large enough for all scenes for which the plan `other` is.
+
+        The two plans must be of the same canvas and options.
+        """
         if other.cuts_far_triangles and not self.cuts_far_triangles:
             return False
         if self.lists_all:

@@ -15,7 +15,8 @@ from .simplify_textures import base_is_enough, used_textures
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
     """Remove from a scene what does not show on a canvas of `height` x `width` pixels.
 
-    Looks at concrete values, on the host, for a plan with `origin` (0, 0). Removed are:
+    The result draws the same image with less work. The decisions are based on concrete values, on
+    the host, for a plan with `origin` (0, 0). Removed are:
 
     - triangles that do not reach the canvas and, without depth, triangles of alpha 0;
     - depth that changes nothing, because no triangle lies deeper than one drawn before it;
@@ -54,7 +55,7 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
 
 
 def _without(effect: str, scene: Scene, grid: Grid) -> Scene:
-    """Return the scene without the effect of this name, a row of `EFFECTS`."""
+    """Return the scene without the effect of this name, which is a row of `effects.EFFECTS`."""
     drawing = Drawing(scene, Hard(), Filter(), grid, np.zeros(2, np.int32))
     return EFFECTS[effect].without(drawing).scene
 
@@ -66,6 +67,7 @@ def _has_equal_corners(scene: Scene) -> bool:
 
 
 def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scene:
+    """Return the scene with only the textures and mip levels that `simplify` keeps."""
     if scene.textures is None:
         return scene
     index = np.asarray(scene.texture_index)
@@ -84,7 +86,7 @@ def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
 
 
 def _shows(scene: Scene) -> np.ndarray:
-    """Whether each triangle is not fully transparent."""
+    """Whether each triangle has an alpha above 0 at some corner, or no alpha channel."""
     return (np.asarray(scene.colors)[..., 3:] != 0).any((1, 2)) | (scene.colors.shape[2] == 3)
 
 
@@ -101,6 +103,9 @@ def _is_ordered(scene: Scene) -> bool:
 
 
 def _is_affine(scene: Scene) -> bool:
-    """Whether perspective changes nothing: the corners of each triangle have one `inverse_w`."""
+    """Whether the three corners of each triangle have equal `inverse_w`.
+
+    Interpolation in perspective is then the same as affine interpolation.
+    """
     inverse_w = np.asarray(scene.inverse_w)[np.asarray(scene.triangles)]
     return bool((inverse_w == inverse_w[:, :1]).all())

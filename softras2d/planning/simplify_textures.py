@@ -17,12 +17,13 @@ _ROUNDING = 1e-6
 def used_textures(
     textures: TexturePyramid, index: np.ndarray, base_only: np.ndarray
 ) -> tuple[TexturePyramid, np.ndarray]:
-    """Return a pyramid of only the textures in `index`, and the indices of its textures.
+    """Return a pyramid of only those textures that some triangle uses.
 
-    - `index`: texture of each triangle, -1 for none. The returned indices are laid out alike.
-    - `base_only`: `[textures]`, whether the levels above the base are removed too.
+    - `index`: texture of each triangle, -1 for none.
+    - `base_only`: `[textures]`, whether the levels above the base of each texture are removed.
 
-    An alpha channel that is 1 everywhere is removed as well.
+    An alpha channel that is 1 everywhere is removed too. Also returns the texture of each triangle
+    by its index in the new pyramid, -1 for none.
     """
     used_indices = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
@@ -47,10 +48,10 @@ def used_textures(
 
 
 def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:
-    """Whether no triangle reads more than the base level of each texture, `[textures]`.
+    """Whether, for each texture, no triangle reads more than the texture's base level.
 
-    The footprint of each snapped triangle decides; in perspective, an upper bound on it. Without a
-    `filter` the answer is false for all textures.
+    The result is `[textures]`. The footprint of each snapped triangle decides, or, in perspective,
+    an upper bound on this footprint. If `filter` is None, the result is false for all textures.
     """
     assert scene.textures is not None and scene.uv is not None
     count, index = scene.textures.count, np.asarray(scene.texture_index)
@@ -67,9 +68,10 @@ def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarra
 
 
 def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
-    """Greatest level of detail of each triangle, `[triangles]`, without bias, in float64.
+    """Greatest level of detail at any point of each triangle, without bias, in float64.
 
-    In perspective it is an upper bound.
+    The result is `[triangles]`, and has no meaning for triangles without a texture. In perspective
+    it is an upper bound.
     """
     assert scene.textures is not None
     triangles = np.asarray(scene.triangles)
@@ -99,7 +101,10 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 
 
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
-    """Level of detail for Jacobians `[triangles, (u, v), (x, y)]`, in base texels per pixel."""
+    """Level of detail of texture footprints, which are given by Jacobians.
+
+    `jacobian` is `[triangles, (u, v), (x, y)]`, in texels of the base level per pixel.
+    """
     if filter.anisotropy == 1:
         extent = np.linalg.norm(jacobian, axis=1).max(1)
     else:

@@ -49,8 +49,9 @@ def pad(scene: Scene) -> Scene:
 def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
     """Append triangles that cover nothing until the scene has `size` triangles.
 
-    Vertices are appended until there are `vertex_size`; None chooses a size class in proportion to
-    the triangles. A scene without triangles or without vertices is returned unchanged.
+    Vertices are appended until there are `vertex_size` of them; by default their number is a size
+    class in proportion to the triangles. A scene without triangles or without vertices is returned
+    unchanged.
     """
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]
@@ -82,7 +83,7 @@ def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
 
 
 def pad_concrete(scene: Scene, plan: Plan) -> Scene:
-    """Pad a concrete scene to the size class that `plan` was made for.
+    """Pad a concrete scene to the size class that its number of triangles has under `plan`.
 
     A traced or batched scene is returned unchanged.
     """
@@ -97,7 +98,8 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
 def unknowns_class(count: int) -> int:
     """Round a number of triangles up to one of eight sizes between a power of two and the next.
 
-    Sizes are multiples of 4. They are for arrays whose padding costs much: the unknowns of a fit.
+    Sizes are multiples of 4. They are closer together than those of `triangle_class`, for arrays
+    whose padding costs much: the unknowns of a fit.
     """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step
@@ -119,10 +121,11 @@ def listed_triangle_class(count: int) -> int:
 def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
     """Choose the size class of the vertices, in proportion to the triangles where possible.
 
-    `vertices` and `triangles` are the numbers before padding, `triangle_class` is the number of
-    triangles after it. The result is 1 or 3 vertices for each triangle, as meshes that share most
-    vertices need the one and triangles that share none the other, or else a power of two. So two
-    similar scenes whose triangles have one size class have one size class of vertices too.
+    `vertices` and `triangles` are the numbers before padding, and `triangle_class` is the number of
+    triangles after padding. The result is 1 vertex per triangle after padding, which is enough for
+    meshes that share most vertices, or 3, which is enough for triangles that share none, or else a
+    power of two. So two similar scenes with the same size class of triangles mostly have the same
+    size class of vertices too.
     """
     for share in (1, 3):
         if vertices <= share * triangles:
@@ -131,11 +134,15 @@ def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
 
 
 def _next_power(count: int) -> int:
+    """Round a number up to a power of two."""
     return 1 << (count - 1).bit_length()
 
 
 def _append(array: Any, count: int, value: int, axis: int) -> Any:
-    """Append `count` entries of `value` along `axis`; the array stays on its device."""
+    """Append `count` entries of `value` to an array along `axis`.
+
+    An array that was committed to a device stays there.
+    """
     if count == 0:
         return array
     host = np.asarray(array)

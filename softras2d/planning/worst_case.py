@@ -15,8 +15,8 @@ from .capacities import CHUNK_SIZES, Capacity
 def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = None) -> Capacity:
     """Capacities for scenes of this many triangles, wherever the triangles are.
 
-    `slots_per_chunk` is the number of slots of a chunk. None chooses the smallest of `CHUNK_SIZES`
-    that holds the list of a tile in one chunk, or else the largest.
+    `slots_per_chunk` is the number of slots of a chunk. By default it is the smallest of
+    `CHUNK_SIZES` with which one chunk holds all triangles, or the largest if there is none.
     """
     grid = tiling.grid
     if slots_per_chunk is None:
@@ -41,6 +41,6 @@ def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = 
 
 
 def limited(capacity: Capacity, triangles: int, tiling: Tiling) -> Capacity:
-    """Reduce each capacity to what this many triangles can need at most."""
+    """Reduce each capacity to the greatest length that scenes of `triangles` triangles can need."""
     most = worst_case(triangles, tiling, slots_per_chunk=capacity.slots_per_chunk)
     return Capacity(*map(min, capacity, most))
