@@ -45,6 +45,8 @@ that squares of coordinates stay finite."""
 class PixelFunctions(NamedTuple):
     """Functions that a mode evaluates for the triangle of each slot at each pixel of its tile.
 
+    A slot is a triangle in the list of a tile.
+
     - `coverage`: the fraction of a pixel that the triangle covers.
     - `weights`: the barycentric weights of corners 1 and 2 in the pixel.
     """
@@ -54,9 +56,9 @@ class PixelFunctions(NamedTuple):
 
 
 class SlotGeometry(NamedTuple):
-    """Quantities of each slot's triangle that all pixels of its tile share.
+    """Numbers of each slot's triangle that all pixels of its tile share.
 
-    - `coverage`, `weights`: the geometry that each function of `PixelFunctions` takes.
+    - `coverage`, `weights`: the geometry that the function of this name in `PixelFunctions` takes.
     """
 
     coverage: Any
@@ -66,8 +68,13 @@ class SlotGeometry(NamedTuple):
 class _CoveredSlots(NamedTuple):
     """Coverage of the pixels of each slot, with the inputs of shading and of derivatives.
 
+    - `coverage`: fraction of each pixel that the slot's triangle covers; pixels row by row.
+    - `functions`: the functions of coverage and weights.
     - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+    - `geometry`: geometry that the functions take.
     - `lines`: edge lines of each slot's triangle.
+    - `triangles`: areas, bounds and orientations of all triangles of the scene.
+    - `chunks`: the triangle and the tile of each slot.
     - `needs`: length of each list that the scene needed.
     """
 
@@ -92,12 +99,13 @@ class AnalyticMode(CoverageMode):
     def reach(self, coverage: Any, max_width: float | None) -> float:
         """Distance, in pixels, by which coverage extends beyond the edges of a triangle.
 
-        `max_width`: as in `CoverageMode.prepare`.
+        `coverage` is the option. `max_width` is as in `CoverageMode.prepare`; if it is given, the
+        result is the distance for the largest width.
         """
 
     @abc.abstractmethod
     def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
-        """The coverage and weight functions for square tiles of `tile_side` pixels a side."""
+        """The functions of coverage and weights, for square tiles of `tile_side` pixels a side."""
 
     @abc.abstractmethod
     def parameter(self, coverage: Any, dtype: Any) -> Array:
@@ -115,11 +123,11 @@ class AnalyticMode(CoverageMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Compute the geometry that the coverage and weight functions take.
+        """Compute the geometry that the functions of `pixel_functions` take.
 
         - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in
           pixels.
-        - `tile`: column and row of the first pixel of each slot's tile.
+        - `tile`: x and y of the upper left of each slot's tile, in pixels.
         - `lines`: edge lines of each slot's triangle.
         - `tile_side`: pixels along a side of a tile.
         """
@@ -134,6 +142,7 @@ class AnalyticMode(CoverageMode):
     ) -> Float[Array, "4 tiles pixels"]:
         """Composite the slots of each tile to premultiplied RGBA, without the background.
 
+        - `shaded`: opacity, colour and depth of each slot at the pixels of its tile.
         - `triangles`: all triangles of the scene, for their areas and orientations.
         - `max_chunks`: upper bound on the number of chunks of a tile.
         """
@@ -149,9 +158,11 @@ class AnalyticMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Choose square tiles, of the side of least work unless `tile_side` is given.
+        """Choose square tiles and headroom, and how to count the lists of a drawing.
 
-        In the worst case, where positions are unknown, the side is `SIDES[0]`.
+        The side of the tiles is `tile_side`, or by default the side of least work
+        (`tile_side.choose_side`). In the worst case, where positions are unknown, the default is
+        `SIDES[0]`. Arguments are as in `CoverageMode.list_needs`.
         """
         coverage, grid = drawings[0].coverage, drawings[0].grid
         is_varying = any(varies(drawing.scene) for drawing in drawings)
@@ -171,7 +182,7 @@ class AnalyticMode(CoverageMode):
         return Listing(tiling, headroom, unused, count, side)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Draw a premultiplied image: list tiles, compute coverage, shade, composite."""
+        """Draw a premultiplied image: list triangles, compute coverage, shade, composite."""
         covered = self._cover(scene, plan)
         triangles, chunks = covered.triangles, covered.chunks
         attributes = _triangle_attributes(scene, triangles, plan)
@@ -193,7 +204,8 @@ class AnalyticMode(CoverageMode):
     def find_layers(self, scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
         """Find the `layers` topmost triangles of each pixel, with their coverage and weights.
 
-        Also returns the length of each list that the scene needed.
+        Also returns the length of each list that the scene needed. This is the work of
+        `pixel_layers`, which checks the arguments and the overflow.
         """
         covered = self._cover(scene, plan)
         orientation = covered.triangles.orientation[covered.chunks.triangle.reshape(-1)]
@@ -255,7 +267,7 @@ class AnalyticMode(CoverageMode):
 
 
 def _host_corners(drawing: Drawing) -> np.ndarray:
-    """Corners `[triangles, 3, 2]` on the host, in pixels of the canvas."""
+    """Corners `[triangles, 3, 2]` on the host, in pixels from the canvas's upper left."""
     positions, triangles, origin = (
         np.asarray(array)
         for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
@@ -266,7 +278,11 @@ def _host_corners(drawing: Drawing) -> np.ndarray:
 def _to_image(
     layers: Float[Array, "4 tiles pixels"], background: Float[Array, " channels"], tiling: Tiling
 ) -> Float[Array, "height width channels"]:
-    """Composite premultiplied tiles over a premultiplied background, and join them to an image."""
+    """Composite premultiplied tiles over a premultiplied background, and join them to an image.
+
+    `layers` has the premultiplied RGBA of each pixel of each tile. The image has the channels of
+    `background`.
+    """
     channels = background.shape[0]
     # Channel by channel: the transpose then has no sum over an axis.
     clear = 1.0 - layers[3]
@@ -282,7 +298,8 @@ def _slot_corners(
 ) -> Float[Array, "6 slots"]:
     """Gather the corners of each slot's triangle in positive orientation, in pixels.
 
-    The rows are x and y of corner 0, then of corner 1 and of corner 2.
+    The rows of the result are x and y of corner 0, then of corners 1 and 2. An empty slot has a
+    triangle without area, far outside the canvas.
     """
     triangle = chunks.triangle.reshape(-1)
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
@@ -324,12 +341,14 @@ def add_signed(
     *,
     max_chunks: int,
 ) -> Float[Array, "4 tiles pixels"]:
-    """Sum colours times areas to premultiplied RGBA, with the sign of each triangle's orientation.
+    """Add the triangles of each pixel with the signs of their areas, to premultiplied RGBA.
 
-    A triangle is subtracted if the sign of its area differs from the sign of the sum of all signed
-    areas.
+    A triangle is added, or subtracted if the sign of its area differs from the sign of the sum of
+    the signed areas of all triangles.
 
-    - `opacity`: covered area times alpha; `colors`: straight RGB.
+    - `opacity`: covered area of the pixel times alpha, for each slot.
+    - `colors`: straight RGB of each slot.
+    - `triangles`: all triangles of the scene, for their areas and orientations.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     total_area = jnp.sum(triangles.area)
@@ -351,7 +370,10 @@ def _add_slots(
     sign: Float[Array, " triangles"],
     chunks: Chunks,
 ) -> list[Float[Array, "chunks pixels"]]:
-    """Sum premultiplied colours and alpha over the slots of each chunk, channel by channel."""
+    """Sum premultiplied RGBA over the slots of each chunk, channel by channel.
+
+    `sign` is 1 for triangles that are added, and -1 for triangles that are subtracted.
+    """
     signed = opacity * sign[chunks.triangle][..., None]
     terms = [signed * colors[:, :, channel] for channel in range(3)] + [signed]
     return [functools.reduce(jnp.add, [term[:, k] for k in range(term.shape[1])]) for term in terms]

@@ -27,11 +27,11 @@ class AreaMode(AnalyticMode):
     }
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
-        """Half the diagonal of a pixel: if its centre is farther away, no triangle touches it."""
+        """Half the diagonal of a pixel, in pixels: a triangle that is farther away does not touch it."""
         return REACH
 
     def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:
-        """Coverage is the area of the triangle inside a pixel; weights are at its centroid."""
+        """The area of a pixel that the triangle covers, and the weights at this area's centroid."""
         return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
 
     def parameter(self, coverage: Area, dtype: Any) -> Array:
@@ -50,7 +50,10 @@ class AreaMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Clip the outline to the rows of the tile for both; centroids take the edge lines too."""
+        """Clip the edges to the rows of the tile, for the functions of coverage and of weights.
+
+        The function of the weights takes the edge lines too.
+        """
         clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
         outline = materialized(clip)(corners, tile, lines)
         return SlotGeometry(outline, AreaGeometry(outline, lines))

@@ -29,11 +29,12 @@ def composite(
     `render` does not composite in draw order. Under `Hard`, the largest value of `visible.overdraw`
     is enough layers.
 
-    The gradient then equals the gradient of `render` too. Under `Hard` it has a boundary term with
-    respect to `scene.positions` and `scene.depth`, from the given colours on both sides of each
-    edge, unless the plan is for `Hard(edge_gradients=False)`. A function is also evaluated where no
-    sample is covered, as for `resolve`. An array has no colours there, so triangles that lie
-    between two samples have no boundary term. Raises `ValueError` for other shapes.
+    The gradient then equals the gradient of `render` too. Under `Hard` the gradient with respect to
+    `scene.positions` and `scene.depth` has a boundary term, from the given colours on both sides of
+    each edge, unless the plan is for `Hard(edge_gradients=False)`. If `values` is a function, it is
+    also evaluated at points that are no samples, as for `resolve`. An array has no colours there,
+    so triangles that lie between two samples have no boundary term. Raises `ValueError` for other
+    shapes.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """
@@ -71,9 +72,14 @@ def _over(
     coverage: Float[Array, "*samples layers"],
     behind: Float[Array, " channels"],
 ) -> Float[Array, "*samples channels"]:
-    """Composite layers of straight RGB or RGBA over a premultiplied background `behind`.
+    """Composite layers of straight RGB or RGBA over a premultiplied background, nearest first.
 
-    Layers are nearest first. The result is premultiplied.
+    - `values`: straight colours of the layers.
+    - `triangle`: -1 for layers that are unused and draw nothing.
+    - `coverage`: factor of each layer's alpha, 0..1.
+    - `behind`: the premultiplied background, whose channels the result has.
+
+    The result is premultiplied.
     """
     if values.shape[-1] == 3:
         values = jnp.concatenate([values, jnp.ones_like(values[..., :1])], -1)
@@ -93,7 +99,10 @@ def _over(
 def _shade_layers(
     shade: Any, triangle: Int[Array, "*samples layers"], weights: Float[Array, "*samples layers 3"]
 ) -> Float[Array, "*samples layers channels"]:
-    """Shade every layer; an unused layer, of triangle -1, is shaded at the centre of triangle 0."""
+    """Evaluate the function `shade` for every layer, from its triangle and barycentric weights.
+
+    An unused layer, whose triangle is -1, is shaded at the centroid of triangle 0.
+    """
     # With weights of 0, a function that normalizes what it interpolates would return NaN.
     weights = jnp.where((triangle < 0)[..., None], 1.0 / 3.0, weights.reshape(*triangle.shape, 3))
     values = shade(jnp.maximum(triangle.reshape(-1), 0), weights.reshape(-1, 3))
@@ -103,8 +112,8 @@ def _shade_layers(
 def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:
     """Triangle index and coverage of each layer, with the layers along the last axis.
 
-    In `PixelLayers`, coverage is a fraction of the pixel. At a sample it is 1, or 0 where the layer
-    is unused.
+    For `PixelLayers`, coverage is the fraction of the pixel that the triangle covers. For
+    `Visibility`, it is 1 at each sample, or 0 where the layer is unused.
     """
     triangle = visible.triangle
     if isinstance(visible, PixelLayers):

@@ -43,10 +43,13 @@ def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
 def weights_at(
     surface: Surface, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
 ) -> Float[Array, "3 lines runs"]:
-    """Barycentric weights of triangles at samples; 0 where `triangle` is -1.
+    """Barycentric weights of given triangles at given samples; 0 where `triangle` is -1.
 
-    `surface` must belong to a scene that `with_unit_corners` returned. The weights are in the order
-    of `scene.triangles`.
+    - `surface`: the surface of a scene that `with_unit_corners` returned.
+    - `triangle`: the triangle at each sample, which need not cover the sample.
+
+    The first axis of the result has the weights of corners 0, 1 and 2, in the order of
+    `scene.triangles`.
     """
     background = jnp.zeros(3, surface.corners.color.dtype)
     return color_at(surface, background, triangle, sample, tiling, flat=False)
@@ -55,11 +58,16 @@ def weights_at(
 def buffer_weights(
     projected: Projected, triangle: Int[Array, "lines runs"], sample: Sample, plan: Plan
 ) -> Float[Array, "3 lines runs"]:
-    """Barycentric weights at the point where each sample is shaded; 0 where `triangle` is -1.
+    """Barycentric weights at the point where `render` shades each sample; 0 for triangle -1.
 
     The point is the sample itself under `Hard(shading="sample")`. Under `Hard(shading="pixel")` it
-    is the one point of the sample's pixel at which the triangle is shaded. `projected` must belong
-    to a scene that `with_unit_corners` returned.
+    is the one point of the sample's pixel at which the triangle is shaded.
+
+    - `projected`: made from a scene that `with_unit_corners` returned.
+    - `triangle`: the triangle that shows at each sample.
+
+    The first axis of the result has the weights of corners 0, 1 and 2, in the order of
+    `scene.triangles`.
     """
     surface, tiling = projected.surface, plan.tiling
     if plan.hard.shading == "sample":
@@ -81,13 +89,14 @@ def uv_change(
     weights: Float[Array, "n 3"],
     uv: Float[Array, "triangles 3 2"],
 ) -> Float[Array, "n 2 2"]:
-    """Change of (u, v) for a step of one pixel along x and along y, at points of triangles.
+    """Change of interpolated (u, v) for a step of one pixel, at given points of triangles.
 
     - `triangle`: the triangle of each point; -1 counts as 0.
     - `weights`: barycentric weights of each point.
     - `uv`: texture coordinates of the corners, in the order of `scene.triangles`.
 
-    Entry `[n, i, j]` of the result is the change of coordinate i along axis j.
+    Entry `[n, i, j]` of the result is the change of coordinate i (u, v) for a step of one pixel
+    along axis j (x, y), at point n.
     """
     surface = project_scene(with_unit_corners(scene), plan).surface
     triangle = jnp.maximum(triangle, 0)

@@ -38,9 +38,10 @@ def price_effects(
 ) -> Iterator[tuple[str | None, Price, Price]]:
     """Yield each effect of the scene, with the price of a render with and without the effect.
 
-    The first row has None for the effect, and both of its prices are of the complete scene. The two
-    renders of a row are measured in turns, `repeats` times. Each row compiles a program, which
-    takes seconds.
+    Yields rows of the effect's name, the price of the complete scene, and the price of the scene
+    without the effect. In the first row the name is None, and both prices are of the complete
+    scene. The two renders of a row are measured in turns, `repeats` times. Each row compiles a
+    program, which takes seconds.
     """
     complete = _Program(scene, plan)
     price = complete.price(_median(complete.run, repeats))
@@ -52,9 +53,9 @@ def price_effects(
 
 
 def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
-    """Remove one effect from a scene; returns the simpler scene and its plan.
+    """Remove one effect from a scene; return the simpler scene and a plan for it.
 
-    The simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
+    `effect` is a name in `effects.EFFECTS`. The simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
     there is no effect of this name.
     """
     if effect not in EFFECTS:
@@ -85,7 +86,10 @@ class _Program:
         jax.block_until_ready(self.compiled(*self.arguments))
 
     def price(self, seconds: float) -> Price:
-        """A price of the measured seconds and the compiler's estimates, 0 where it has none."""
+        """The price of a render that took `seconds`, with the compiler's estimates.
+
+        An estimate that the compiler does not give is 0.
+        """
         program = self.compiled.compiled
         analysis = program.cost_analysis() or {}
         usage = program.memory_analysis()
@@ -117,7 +121,7 @@ def _medians(
 ) -> tuple[float, float]:
     """Median times, in seconds, of two functions that are called in turns, `repeats` times.
 
-    The second one is called once before, unmeasured.
+    The second function is called once before, unmeasured; the first must have been called already.
     """
     second()
     pairs = [(_seconds(first), _seconds(second)) for _ in range(repeats)]

@@ -23,7 +23,7 @@ from ..scene import Scene
 
 
 class Layout(NamedTuple):
-    """Capacities and tile size of a plan.
+    """Capacities and tile size of a plan; `layout.choose_layout` chooses them.
 
     - `capacity`: maximum length of each list.
     - `tile_side`: pixels along a side of a square tile; 0 for the tiling of sampled coverage.
@@ -36,7 +36,7 @@ class Layout(NamedTuple):
 
 
 class Listing(NamedTuple):
-    """How the triangles of some scenes are listed: the input from which `layout` sizes the lists.
+    """How the triangles of some scenes are put into lists, from which `layout` chooses capacities.
 
     - `tiling`: tiles of the canvas.
     - `headroom`: rule by which capacities follow from the list lengths that scenes need.
@@ -53,7 +53,7 @@ class Listing(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """Margin by which later scenes may exceed the scenes that a plan is made for.
+    """How far later scenes may exceed the scenes that a plan is made for.
 
     - `factor`: every list may become this many times as long, 1 or more.
     - `is_worst_case`: whether the triangles may be anywhere and of any size; `factor` is then
@@ -65,11 +65,12 @@ class Growth(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """An image, and what shows whether the plan was large enough for it.
+    """An image, and the numbers that tell whether the plan was large enough for the scene.
 
-    - `image`: premultiplied as `CoverageMode.draw` returns it; `render` then divides by alpha.
-    - `needs`: length of each list that the scene needed; triangles are missing from the image if
-      one exceeds its capacity.
+    - `image`: the image; premultiplied in the result of `CoverageMode.draw`, and with straight
+      alpha after `render` has divided by alpha.
+    - `needs`: length of each list that the scene needed. If a length exceeds its capacity,
+      triangles are missing from the image.
     - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
       cut triangles there; the image is then wrong.
     """
@@ -93,8 +94,8 @@ class CoverageMode(abc.ABC):
     def prepare(self, coverage: Any, max_width: float | None) -> Coverage:
         """Check an option, and turn its numbers into arrays, which may change without recompiling.
 
-        `max_width` is the argument of `plan`: the largest `Soft.width` to allow for, in pixels.
-        Returns the new option. Raises `ValueError` for values that the option cannot have. By
+        `coverage` is the option, such as `Soft(...)`. `max_width` is the argument of `plan`: the
+        largest `Soft.width` to allow for, in pixels. Returns the new option. Raises `ValueError` for values that the option cannot have. By
         default an option has no numbers to turn into arrays, and refuses `max_width`.
         """
         if max_width is not None:
@@ -102,11 +103,18 @@ class CoverageMode(abc.ABC):
         return coverage
 
     def is_sum(self, coverage: Any) -> bool:
-        """Whether signed areas are added, not composited, so that no triangle hides another."""
+        """Whether triangles are added with signed areas instead of composited; false by default.
+
+        No triangle then hides another.
+        """
         return False
 
     def gradient_border(self, coverage: Any) -> int:
-        """Pixels around a window of a larger canvas on which the window's gradient depends."""
+        """Width, in pixels, of the border that gradients of a window need; 0 by default.
+
+        A window is a part of a larger canvas that is drawn by itself (`tiled`). Its gradient may
+        depend on the pixels within this distance around it.
+        """
         return 0
 
     def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
@@ -125,8 +133,9 @@ class CoverageMode(abc.ABC):
     ) -> Listing:
         """Choose tiling and headroom for drawings of one canvas size, and how to count their lists.
 
-        - `drawings`: scenes of concrete arrays; with `growth.is_worst_case` only of array shapes.
+        - `drawings`: scenes of concrete arrays, or only of array shapes if `growth.is_worst_case`.
         - `max_width`: largest `Soft.width` to allow for, in pixels; None for the option's width.
+        - `growth`: how far later scenes may exceed these.
         - `tile_side`: pixels along a side of a tile under analytic coverage; by default the side of
           least work.
         """

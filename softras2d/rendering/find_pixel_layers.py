@@ -38,5 +38,8 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
 
 @eqx.filter_jit
 def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-    """Find the layers, and the length of each list that the scene needed, in one program."""
+    """Find the layers, and the length of each list that the scene needed, in one program.
+
+    Arguments are as in `pixel_layers`.
+    """
     return pixel_layers_mode_of(plan.coverage).find_layers(scene, plan, layers)

@@ -1,6 +1,7 @@
 """Colours that a caller of `resolve` or `composite` gives: a function, or arrays of samples.
 
-The boundary term compares them on both sides of each edge.
+The boundary term compares the colours on the two sides of each edge. The classes here implement the
+interface `gradients.sample_colors.SampleColors`, which gives it these colours.
 """
 
 from collections.abc import Callable
@@ -27,14 +28,15 @@ depends on the same row of the arguments alone."""
 
 
 class ShadedColors(SampleColors):
-    """Values that a given function computes from triangle and barycentric weights.
+    """Colours that a caller's function computes from triangle indices and barycentric weights.
 
     The function may close over traced values, which a rule of differentiation must not. So the
     function is traced once, and the values that it closes over are kept as arrays.
 
+    - `background`: value where no triangle shows.
     - `surface`: data of a scene made by `corner_weights.with_unit_corners`.
     - `constants`: the values that the function closes over.
-    - `program`: the traced function, a jaxpr without these values.
+    - `program`: the traced function, a jaxpr whose constants are `constants`.
     """
 
     background: Float[Array, " channels"]
@@ -46,7 +48,10 @@ class ShadedColors(SampleColors):
     def of(
         cls, shade: Shade, surface: Surface, background: Float[Array, " channels"]
     ) -> "ShadedColors":
-        """Trace `shade`, and separate its program from the values that it closes over."""
+        """Trace the function `shade`, and separate its program from the values it closes over.
+
+        `surface` and `background` are the fields of these names.
+        """
         example = jnp.zeros(1, jnp.int32), jnp.zeros((1, 3), background.dtype)
         closed = jax.make_jaxpr(shade)(*example)
         constants = jax.lax.stop_gradient(list(closed.consts))
@@ -55,13 +60,19 @@ class ShadedColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Values of triangles at samples, visible there or not; the background for -1."""
+        """Value of a given triangle at each sample, visible there or not.
+
+        It is the background where `triangle` is -1.
+        """
         weights = weights_at(self.surface, triangle, sample, tiling)
         values = self._shade(jnp.maximum(triangle, 0), weights)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of the function at each crossing, for the triangle to which the edge belongs."""
+        """Value of the function at each crossing, for the triangle to which the edge belongs.
+
+        A crossing is the point at which an edge crosses a line of samples (`gradients.crossings`).
+        """
         weights = color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=False)
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self._shade(triangle, weights)
@@ -69,6 +80,7 @@ class ShadedColors(SampleColors):
     def _shade(
         self, triangle: Int[Array, "lines runs"], weights: Float[Array, "3 lines runs"]
     ) -> Float[Array, "channels lines runs"]:
+        """Evaluate the function for each triangle with its barycentric weights."""
         function = jaxpr_as_fun(ClosedJaxpr(self.program, self.constants))
 
         def shade_one(triangle: Array, weights: Array) -> Array:
@@ -79,12 +91,16 @@ class ShadedColors(SampleColors):
 
 
 class ArrayColors(SampleColors):
-    """Values that are given for all samples, `[height * width * samples, channels]`.
+    """Colours that a caller gives as an array with one value for each sample.
 
-    The values of triangles are known only at samples where they show. An edge next to a triangle
-    that no sample shows counts as invisible. Such are the edges of triangles that lie between two
-    samples, of strips that show between two triangles but at no sample, and edges between the
-    border of the canvas and the sample next to it.
+    The value of a triangle is known only at samples where the triangle shows. An edge counts as
+    invisible if on one of its sides there is a triangle that no sample shows. This is so for
+    triangles that lie between two samples, for strips of a triangle that show between two others
+    but at no sample, and for edges between the border of the canvas and the sample next to it.
+
+    - `background`: value where no triangle shows.
+    - `values`: one value for each sample, in the order of `sample_grid.buffer_index`.
+    - `grid`: canvas and samples.
     """
 
     background: Float[Array, " channels"]
@@ -94,27 +110,41 @@ class ArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value given for each sample, whatever triangle shows there; the background for -1."""
+        """Value given for each sample, whatever triangle shows there.
+
+        It is the background where `triangle` is -1.
+        """
         values = jnp.moveaxis(self.values[buffer_index(sample, self.grid)], -1, 0)
         return jnp.where((triangle < 0)[None], self.background[:, None, None], values)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value given for the sample next to each crossing, on the inside of the edge."""
+        """Value given for the sample next to each crossing, on the inside of the edge.
+
+        A crossing is the point at which an edge crosses a line of samples (`gradients.crossings`).
+        """
         return jnp.moveaxis(self.values[buffer_index(crossings.inside, self.grid)], -1, 0)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the samples on both sides of each crossing show what is on that side."""
+        """Whether the colours on both sides of each crossing are known.
+
+        The arguments say whether the sample next to the crossing, inside and outside of the edge,
+        shows the triangle that is on that side.
+        """
         return shows_inside & shows_outside
 
 
 class LayerArrayColors(SampleColors):
-    """Values that are given for the layers of all samples, `height * width * samples` of them.
+    """Colours that a caller gives as an array with one value for each layer of each sample.
 
-    At a sample where a triangle is not one of the layers, its value is 0.
+    A triangle that is not one of the layers of a sample has the value 0 there.
 
+    - `background`: value where no triangle shows.
+    - `values`: one value for each layer of each sample; samples are in the order of
+      `sample_grid.buffer_index`.
     - `triangle`: the triangle of each layer, -1 for unused layers.
+    - `grid`: canvas and samples.
     """
 
     background: Float[Array, " channels"]
@@ -125,19 +155,23 @@ class LayerArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value of the layer that has this triangle at each sample; 0 if no layer has it."""
+        """Value, at each sample, of the layer whose triangle is `triangle`; 0 if there is none."""
         number = buffer_index(sample, self.grid)
         is_layer = (self.triangle[number] == triangle[..., None]) & (triangle >= 0)[..., None]
         values = jnp.where(is_layer[..., None], self.values[number], 0.0)
         return jnp.moveaxis(jnp.sum(values, -2), -1, 0)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of the edge's own triangle at the sample on the inside of the edge."""
+        """Value of the edge's triangle at the sample next to each crossing, inside the edge."""
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self.at(triangle, crossings.inside, tiling)
 
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether the edge's own triangle covers the sample inside, so that it may be a layer."""
+        """Whether the colours on both sides of each crossing are known.
+
+        For layers, `shows_inside` says whether the edge's triangle covers the sample inside the
+        edge, so that it may be one of the sample's layers, and `shows_outside` is true.
+        """
         return shows_inside & shows_outside

@@ -29,11 +29,13 @@ def layer_boundary(
     layer_triangles: Int[Array, "height width samples layers"],
     background: Float[Array, " channels"],
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
-    """Return an image of zeros whose derivative is the boundary term of the premultiplied image.
+    """Return an image of zeros whose derivative is the boundary term of the image of `composite`.
 
-    - `values`: the function or the array that `composite` was given.
+    The image is premultiplied.
+
+    - `visible`, `values`: the arguments of `composite`.
     - `layer_triangles`: the triangle of each layer, -1 for unused layers.
-    - `background`: premultiplied.
+    - `background`: premultiplied background.
 
     Also returns whether a tile's list is longer than the boundary term can hold; triangles are then
     missing from the derivative.
@@ -64,7 +66,7 @@ def layer_boundary(
 def _given_colors(
     visible: Visibility, values: Any, layer_triangles: Array, projected: Projected
 ) -> SampleColors:
-    """Return the caller's function or array as the colours that the boundary term compares."""
+    """Return the function or array `values` as the colours that the boundary term compares."""
     dtype = visible.scene.positions.dtype
     if isinstance(values, Array):
         *_, layers, channels = values.shape
@@ -88,9 +90,9 @@ def _given_colors(
 
 
 def _outgrows(binned: BinnedScene, visible: Visibility, max_list_length: int) -> Bool[Array, ""]:
-    """Whether some tile's list, with hidden triangles, exceeds `max_list_length`.
+    """Whether some tile's list, which includes hidden triangles, is longer than `max_list_length`.
 
-    Raises an error in that case as `rasterize` does.
+    If so, an error is raised as by `rasterize`, unless `plan.on_overflow` is `"nan"`.
     """
     plan, count = visible.plan, visible.scene.triangles.shape[0]
     if plan.lists_all or max_list_length >= count:

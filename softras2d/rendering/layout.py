@@ -16,9 +16,9 @@ from .coverage_mode import Growth, Layout, Listing
 
 
 def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth) -> Layout:
-    """Choose a layout for the drawings, and for others that exceed them by `growth`.
+    """Choose capacities and tile size for drawings, and for others that exceed them by `growth`.
 
-    Every tile lists every triangle in the worst case. It also does so for few triangles on few
+    `listing` says how the triangles of the drawings are listed. Every tile lists every triangle in the worst case. It also does so for few triangles on few
     tiles, where the slots number at most `Headroom.list_all_slots`: that costs less than making
     lists. Raises `ValueError` if the worst case has more than `MOST_PAIRS` pairs of a triangle and
     a tile.
@@ -40,8 +40,8 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
 def layout_of_all(triangles: int, listing: Listing) -> Layout:
     """Layout in which every tile lists every triangle of a scene.
 
-    The number of triangles is rounded up to a power of two. Lists in `listing.unused` get no
-    capacity.
+    `triangles` is the number of triangles, which is rounded up to a power of two. Lists in
+    `listing.unused` get a capacity of 0.
     """
     capacity = worst_case(listed_triangle_class(triangles), listing.tiling)
     capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
@@ -86,7 +86,7 @@ def count_triangles(scene: Scene) -> int:
 
 
 def _grown(counts: Counts, factor: float) -> Counts:
-    """Multiply the length of every list by `factor`."""
+    """Multiply the length of every list by `factor`, and round up."""
 
     def grow(count: int) -> int:
         return math.ceil(count * factor)
