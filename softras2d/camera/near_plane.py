@@ -6,14 +6,15 @@ import numpy as np
 
 
 class ClippedTriangles(NamedTuple):
-    """Triangles beyond the near plane, and the position of each corner on its input triangle.
+    """The triangles that remain when triangles are clipped against the near plane.
 
     - `vertices`: `[vertices, 4]`, (x, y, z, w) in clip space.
     - `triangles`: `[triangles, 3]`, indices of vertices.
     - `source`: `[triangles]`, index of the input triangle of which each triangle is a part.
-    - `inside`, `outside`, `t`: `[triangles, 3]`. A new corner lies on an edge of the input
-      triangle, at the fraction `t` of the way from corner `inside` (0, 1 or 2) to corner `outside`
-      of the input triangle. For a corner that is not clipped, both are this corner and `t` is 0.
+    - `inside`, `outside`, `t`: `[triangles, 3]`, position of each corner on the input triangle. It
+      lies at the fraction `t` of the way from corner `inside` (0, 1 or 2) to corner `outside` of
+      the input triangle. For a corner of the input triangle itself, `inside` and `outside` are this
+      corner, and `t` is 0.
     """
 
     vertices: np.ndarray
@@ -26,8 +27,8 @@ class ClippedTriangles(NamedTuple):
     def interpolate(self, values: np.ndarray) -> np.ndarray:
         """Interpolate attributes of the input triangles for the clipped triangles.
 
-        `values` are `[triangles, 1 or 3, channels]`: one value per triangle, or one per corner.
-        Returns the same for the clipped triangles, as float32.
+        `values` are `[triangles, 1 or 3, channels]`: one value per input triangle, or one per
+        corner. Returns one value per clipped triangle, or one per corner, as float32.
         """
         if values.shape[1] == 1:
             return values[self.source].astype(np.float32)
@@ -42,7 +43,7 @@ vertices."""
 
 
 def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
-    """Clip triangles against z >= 0.
+    """Clip triangles against the near plane, and keep the parts where z >= 0.
 
     `vertices` are `[vertices, 4]` in clip space, and `triangles` `[triangles, 3]` vertex indices.
     A triangle may reach behind the viewer, because edges stay straight across w = 0 in homogeneous

@@ -17,6 +17,7 @@ from .near_plane import ClippedTriangles, clip_near
 def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
     """View matrix `[4, 4]` of a viewer at `eye` who sees `target` in the middle of the image.
 
+    The matrix maps world space to view space, where the viewer is at the origin and looks along -z.
     `up` is a direction in world space that points upwards in the image; it need not be a unit
     vector, nor at a right angle to the line of sight. Raises `ValueError` if `target` equals `eye`
     or if `up` is parallel to the line between them.
@@ -47,8 +48,8 @@ def perspective(
 ) -> np.ndarray:
     """Perspective projection matrix `[4, 4]`, from view space to clip space.
 
-    It makes w the distance along the line of sight, and the depth z / w 0 on the near plane and 1
-    on the far plane.
+    In clip space, w is the distance from the viewer along the line of sight. The depth, z / w, is 0
+    on the near plane and 1 on the far plane.
 
     - `fov_y_degrees`: vertical field of view, in degrees.
     - `aspect`: width / height of the image.
@@ -171,10 +172,10 @@ def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
 
 
 def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray:
-    """Divide clipped vertices by w, and map them to pixels.
+    """Divide clipped vertices by w, and map them to an image of `height` x `width` pixels.
 
-    Returns `[vertices, 4]` float32: x and y in pixels, depth, and 1 / w. Raises `ValueError`, which
-    names the first triangle with a vertex that is not finite or has w <= 0.
+    Returns `[vertices, 4]` float32: x and y in pixels, depth, and 1 / w. Raises `ValueError` if a
+    vertex is not finite or has w <= 0, and names the first input triangle with such a vertex.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         x, y, z, w = clipped.vertices.T
@@ -192,8 +193,8 @@ def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray
 def _transformed(matrix: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Multiply vertices `[vertices, 3]` by a matrix `[4, 4]`; returns `[vertices, 4]`.
 
-    It is written out because equal vertices must give bitwise equal results, which a BLAS product
-    does not promise.
+    The product is written out because equal vertices must give bitwise equal results, which a BLAS
+    product does not promise.
     """
     x, y, z = vertices.T[:, :, None]
     # `_to_screen` reports what overflows.
@@ -202,6 +203,7 @@ def _transformed(matrix: np.ndarray, vertices: np.ndarray) -> np.ndarray:
 
 
 def _invertible(name: str, value: Any) -> np.ndarray:
+    """Return `value` as a 4x4 float64 matrix; raise `ValueError` unless it is invertible."""
     matrix = _numbers(name, value, (4, 4))
     if np.linalg.matrix_rank(matrix) < 4:
         raise ValueError(f"`{name}` must be invertible; got {matrix.tolist()}.")
@@ -211,7 +213,8 @@ def _invertible(name: str, value: Any) -> np.ndarray:
 def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> np.ndarray:
     """Return `value` as a float64 array of finite numbers.
 
-    Raises `ValueError`, which names it, unless it has this shape, in which None is any size.
+    Raises `ValueError` for other values and for another shape than `shape`, in which None stands
+    for any size. `name` is the argument that the message names.
     """
     wanted = f"`{name}` must be [{', '.join(str(size or 'n') for size in shape)}] finite numbers"
     try:

@@ -27,7 +27,7 @@ class AreaMode(AnalyticMode):
     }
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
-        """Half the diagonal of a pixel, in pixels: a triangle that is farther away does not touch it."""
+        """Half the diagonal of a pixel, in pixels: farther away, a triangle does not touch it."""
         return REACH
 
     def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:

@@ -55,8 +55,8 @@ def price_effects(
 def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; return the simpler scene and a plan for it.
 
-    `effect` is a name in `effects.EFFECTS`. The simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
-    there is no effect of this name.
+    `effect` is a name in `effects.EFFECTS`. The simpler scene has a different image: it is for
+    comparing costs only. Raises `ValueError` if there is no effect of this name.
     """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")

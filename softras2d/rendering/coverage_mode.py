@@ -95,8 +95,9 @@ class CoverageMode(abc.ABC):
         """Check an option, and turn its numbers into arrays, which may change without recompiling.
 
         `coverage` is the option, such as `Soft(...)`. `max_width` is the argument of `plan`: the
-        largest `Soft.width` to allow for, in pixels. Returns the new option. Raises `ValueError` for values that the option cannot have. By
-        default an option has no numbers to turn into arrays, and refuses `max_width`.
+        largest `Soft.width` to allow for, in pixels. Returns the new option. Raises `ValueError`
+        for values that the option cannot have. By default an option has no numbers to turn into
+        arrays, and refuses `max_width`.
         """
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")

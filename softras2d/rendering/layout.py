@@ -18,10 +18,10 @@ from .coverage_mode import Growth, Layout, Listing
 def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth) -> Layout:
     """Choose capacities and tile size for drawings, and for others that exceed them by `growth`.
 
-    `listing` says how the triangles of the drawings are listed. Every tile lists every triangle in the worst case. It also does so for few triangles on few
-    tiles, where the slots number at most `Headroom.list_all_slots`: that costs less than making
-    lists. Raises `ValueError` if the worst case has more than `MOST_PAIRS` pairs of a triangle and
-    a tile.
+    `listing` says how the triangles of the drawings are listed. Every tile lists every triangle in
+    the worst case. It also does so for few triangles on few tiles, where the slots number at most
+    `Headroom.list_all_slots`: that costs less than making lists. Raises `ValueError` if the worst
+    case has more than `MOST_PAIRS` pairs of a triangle and a tile.
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(count_triangles(drawing.scene) for drawing in drawings)

@@ -1,4 +1,7 @@
-"""Search tile lists for the triangles that cover each sample: the nearest few, or their number."""
+"""Search tile lists for the triangles that cover each sample.
+
+`nearest_layers` finds the nearest few of them, and `count_covering` counts them.
+"""
 
 from typing import NamedTuple
 
@@ -16,7 +19,8 @@ from ..numerics.fusion_barrier import materialized
 class ListedSamples(NamedTuple):
     """The lists of all tiles, and the samples that each listed triangle covers in its tile.
 
-    - `words`: for each pair of a triangle and a tile, one word of 32 samples per row of samples.
+    - `words`: coverage words (`coverage.sampled`) of each entry of the lists, which is a pair of a
+      triangle and a tile: one word for each row of samples of the tile.
     """
 
     lists: TileLists
@@ -26,9 +30,9 @@ class ListedSamples(NamedTuple):
 class _Entries(NamedTuple):
     """The list of each sample's tile, and the position of the sample in the coverage words.
 
-    - `start`, `count`: first entry and length of the list.
-    - `word_index`, `bit`: index of the sample's word among the words of a pair, and of its bit in
-      the word.
+    - `start`, `count`: index of the first entry of the list, and length of the list.
+    - `word_index`, `bit`: index of the sample's word among the words of a pair, and index of the
+      sample's bit in this word.
     """
 
     start: Int[Array, "*samples"]
@@ -42,7 +46,8 @@ def nearest_layers(
 ) -> Int[Array, "*samples layers"]:
     """Find the `layers` nearest triangles that cover each sample, nearest first.
 
-    Returns triangle indices, with -1 where fewer triangles cover the sample.
+    Only triangles in `listed` are found, which holds the samples that each of them covers. Returns
+    triangle indices, with -1 where fewer triangles cover the sample.
     """
     entries = _locate(listed.lists, sample, tiling)
     layer = jnp.arange(layers, dtype=jnp.int32)

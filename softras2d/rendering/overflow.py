@@ -56,7 +56,8 @@ class Outcome(NamedTuple):
 def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
     """Compare the list lengths that a scene needed with the capacities of its plan.
 
-    A plan that lists every triangle for every tile has no list that can be too short.
+    `leaves_guard_band` is as in `Outcome`. A plan that lists every triangle for every tile
+    (`Plan.lists_all`) has no list that can be too short.
     """
     overflow = jnp.asarray(leaves_guard_band)
     if not plan.lists_all:
@@ -91,10 +92,10 @@ def raise_or_return_nan(
 ) -> Float[Array, "height width channels"]:
     """Return `image`, or, if the scene outgrew its plan, raise an error or return NaN.
 
-    `raise_on_overflow` says when an error is raised. Without one, on overflow, the image is NaN
-    everywhere, and so is its derivative with respect to every float of `scene`, forwards and
-    backwards, whatever the loss is. Without overflow neither the image nor any derivative changes
-    by a bit.
+    `raise_on_overflow` says when an error is raised. If the scene outgrew its plan and no error is
+    raised, the image is NaN everywhere, and so is its derivative with respect to every float of
+    `scene`, forwards and backwards, whatever the loss is. If the scene did not outgrow its plan,
+    neither the image nor any derivative changes by a bit.
     """
     return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan))
 
@@ -118,20 +119,21 @@ def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 
 def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
-    """Return `image`; on overflow NaN, with NaN derivatives by every float of `scene`.
+    """Return `image`, or NaN with NaN derivatives by every float of `scene` if `overflow` is true.
 
-    The derivatives are NaN even if the image is not computed from that float.
+    The derivatives by all floats of `scene` are then NaN, even those by floats from which the image
+    is not computed.
     """
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
     return _nan_if(image, floats, overflow)
 
 
 def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
-    """Raise on the host, when the program runs, if any scene of a batch outgrew its plan.
+    """Raise an error, when the compiled program runs, if any scene of a batch outgrew its plan.
 
-    Returns false otherwise. The callback raises an ordinary `ValueError`, whose last line is the
-    complete message. `equinox.error_if` could not name the counts, which are known only when the
-    program runs.
+    Returns false if none did. The error is raised on the host by a callback, which raises an
+    ordinary `ValueError`, whose last line is the complete message. `equinox.error_if` could not
+    name the counts, which are known only when the program runs.
     """
     outcome = jax.lax.stop_gradient(outcome)
     # The largest needs of the batch are compared once: under `jax.vmap` the condition would
@@ -154,11 +156,12 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 @jax.custom_jvp
 def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
-    """Return the image, or NaN on overflow, with NaN derivatives by the arrays `floats`."""
+    """Return the image; on `overflow` NaN, with NaN derivatives by the arrays `floats`."""
     return jnp.where(overflow, jnp.nan, image)
 
 
 def _nan_if_jvp(primals, tangents):
+    """Differentiate `_nan_if`: every tangent adds NaN on overflow; those of `floats` else add 0."""
     image, floats, overflow = primals
     out = _nan_if(image, floats, overflow)
     change = jnp.zeros_like(image)
@@ -182,7 +185,8 @@ def _nan_if_overflow(overflow: Array, x: Array) -> Array:
 def _leaf_to_image_maps(image: Array, leaf: Array) -> tuple[Any, Any]:
     """Make the linear map from a tangent of `leaf` to a tangent of `image`, and its transpose.
 
-    Both return NaN everywhere on overflow, and otherwise zeros.
+    The two maps take `overflow` and the array to map. They return NaN everywhere if `overflow` is
+    true, and zeros otherwise.
     """
     # Only shapes are bound: a linear map must not close over traced values.
     forward = functools.partial(_filled, shape=image.shape, dtype=image.dtype)
@@ -191,7 +195,7 @@ def _leaf_to_image_maps(image: Array, leaf: Array) -> tuple[Any, Any]:
 
 
 def _filled(overflow: Array, x: Array, shape: tuple[int, ...], dtype: Any) -> Array:
-    """Return an array of NaN on overflow, else of zeros.
+    """Return an array of NaN if `overflow` is true, else of zeros, of the given shape and dtype.
 
     `x` is ignored: it is here because `linear_map` passes the values to be mapped.
     """

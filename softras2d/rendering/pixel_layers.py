@@ -38,7 +38,9 @@ class PixelLayers(eqx.Module):
 class Slots(NamedTuple):
     """Coverage and weights of each slot's triangle at the pixels of its tile.
 
-    - `weights`: barycentric weights, in the order of the corners in the scene.
+    - `coverage`: fraction of each pixel that the slot's triangle covers; pixels row by row.
+    - `weights`: barycentric weights of the three corners, in the order of the corners in the scene.
+    - `chunks`: the triangle and the tile of each slot.
     """
 
     coverage: Float[Array, "slots pixels"]
@@ -49,8 +51,7 @@ class Slots(NamedTuple):
 def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Array, Array]:
     """Find the first `layers` slots with coverage above 0 at each pixel.
 
-    Returns their triangles `[height, width, layers]`, coverage, and weights, whose last axis counts
-    corners. Unused layers have the triangle -1, and coverage and weights of 0.
+    Returns the fields `triangle`, `coverage` and `barycentric` of `PixelLayers`, in this order.
     """
     slot = _first_slots(slots.coverage, slots.chunks, layers)
     pixels = slots.coverage.shape[1]
@@ -69,7 +70,10 @@ def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Ar
 def _first_slots(
     coverage: Float[Array, "slots pixels"], chunks: Chunks, layers: int
 ) -> Int[Array, "tiles pixels layers"]:
-    """Find the first `layers` slots that cover some of each pixel; -1 where there are fewer."""
+    """Find the first `layers` slots of each pixel's tile whose triangles cover some of the pixel.
+
+    Returns indices of slots in the flattened `chunks.triangle`, and -1 where there are fewer.
+    """
     coverage = jax.lax.stop_gradient(coverage)
     per_chunk, tiles = chunks.triangle.shape[1], chunks.count.shape[0]
     layer = jnp.arange(layers, dtype=jnp.int32)[None, None]
@@ -93,7 +97,7 @@ def _first_slots(
 
 
 def _to_canvas(values: Array, tiling: Tiling) -> Array:
-    """Rearrange `[tiles, pixels, ...]` to `[height, width, ...]`."""
+    """Rearrange values `[tiles, pixels, ...]` to an array `[height, width, ...]` of the canvas."""
     entry_shape: Any = values.shape[2:]
     split = values.reshape(tiling.rows, tiling.columns, tiling.height, tiling.width, *entry_shape)
     joined = jnp.swapaxes(split, 1, 2).reshape(*tiling.padded_shape, *entry_shape)

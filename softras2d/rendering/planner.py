@@ -132,7 +132,7 @@ def plan_for(
 
 
 def _blank(triangles: int) -> Scene:
-    """A flat, opaque scene of this many triangles."""
+    """A scene of `triangles` triangles without colour variation, alpha, textures and depth."""
     return Scene(
         positions=jnp.zeros((3, 2), jnp.float32),
         triangles=jnp.zeros((triangles, 3), jnp.int32),
@@ -142,7 +142,7 @@ def _blank(triangles: int) -> Scene:
 
 
 def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
-    """Check the arguments `capacity` and `headroom` of `plan`, and return them as a growth."""
+    """Check the arguments `capacity` and `headroom` of `plan`, and return them as a `Growth`."""
     check_name("capacity", capacity, PlanCapacity)
     if not (isinstance(headroom, int | float) and 1 <= headroom < math.inf):
         raise ValueError(f"`headroom` must be a number of 1 or more; got {headroom!r}.")
@@ -150,9 +150,10 @@ def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
 
 
 def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) -> tuple[str, ...]:
-    """Names of the effects that some drawing has and the mode draws.
+    """Names of the effects that some of the drawings call for and that the mode draws.
 
-    In the worst case, cutting at the guard band is always one of them, if the mode can do it.
+    In the worst case (`growth.is_worst_case`), cutting at the guard band is always one of them, if
+    the mode can do it.
     """
     return tuple(
         name
@@ -168,9 +169,9 @@ def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) 
 
 
 def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
-    """Return the given scenes as a list, with each batch split into its scenes.
+    """Return the argument `scene` of `plan` as a list, with each batch split into its scenes.
 
-    Raises `ValueError` if they are traced, or if there is none.
+    Raises `ValueError` if a scene is traced, or if there is no scene.
     """
     if is_traced(scene):
         raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
@@ -204,7 +205,10 @@ def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
 
 
 def _unstack(scene: Scene) -> list[Scene]:
-    """Return the scenes of a batch, as host arrays, or a list of the scene itself."""
+    """Return the scenes of a batch, in host arrays; for a single scene, a list of this scene.
+
+    Raises `ValueError` for a batch in which some array has no leading axis.
+    """
     if scene.positions.ndim == 2:
         return [scene]
     if scene.triangles.ndim != 3 or scene.colors.ndim != 4 or scene.background.ndim != 2:
@@ -215,7 +219,10 @@ def _unstack(scene: Scene) -> list[Scene]:
 
 
 def checked_origin(origin: Any) -> np.ndarray:
-    """Return `origin`, (x, y), as two int32; `ValueError` unless it is two integers in range."""
+    """Return the argument `origin` of `plan`, a point (x, y), as two int32.
+
+    Raises `ValueError` unless it is two integers within 2^30.
+    """
     pixel = np.asarray(origin)
     is_pair = pixel.shape == (2,) and pixel.dtype.kind in "iuf" and (np.abs(pixel) <= 2**30).all()
     if not is_pair or (pixel != np.round(pixel)).any():
@@ -224,7 +231,7 @@ def checked_origin(origin: Any) -> np.ndarray:
 
 
 def checked_filter(filter: Filter | None) -> Filter:
-    """Return the filter with its bias as an array leaf, so that another bias does not recompile.
+    """Return the filter with its `lod_bias` as an array, so that another bias does not recompile.
 
     None stands for the default filter. Raises `ValueError` for anything that is not a filter, or
     whose bias is not one finite number.

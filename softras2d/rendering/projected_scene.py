@@ -27,14 +27,16 @@ from ..shading.surface import Surface, surface_of
 
 
 class Projected(NamedTuple):
-    """The triangles of a scene on the sample grid, reoriented to positive orientation.
+    """The triangles of a scene on the sample grid, reoriented to positive area.
 
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
-    - `crossed_edges`: input of the boundary term; None if `Hard.edge_gradients` is off.
-    - `surface`: input of shading.
-    - `depths`: input of the depth test; None if the scene has no depth.
-    - `is_occluder`: whether nothing shows through each triangle. With depth it is false for all.
+    - `crossed_edges`: the edges as the boundary term needs them; None if `Hard.edge_gradients` is
+      false.
+    - `surface`: corner attributes, weights and textures as shading needs them.
+    - `depths`: depths as the depth test needs them; None if the scene has no depth.
+    - `is_occluder`: whether each triangle is known to hide all that is behind it
+      (`effects.is_occluder`). In a scene with depth it is false for all triangles.
     - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
       cut triangles there.
     """
@@ -49,7 +51,10 @@ class Projected(NamedTuple):
 
 
 def project_scene(scene: Scene, plan: Plan) -> Projected:
-    """Snap the triangles to the sample grid, and set up their edges, surface and depths."""
+    """Snap the triangles of a scene to the grid, and set up their edges, surface and depths.
+
+    `plan` must be for `Hard` coverage.
+    """
     grid = plan.grid
     # The derivative by positions comes from `boundary_term` and `attach_interior_term` alone.
     projection = project(
@@ -86,7 +91,10 @@ def _crossed_edges(
     triangles: Int[Array, "triangles 3"],
     grid: Grid,
 ) -> CrossedEdges:
-    """Gather the edges of all triangles, and the lines of samples that they cross."""
+    """Gather the edges of all triangles, and the lines of samples that each edge crosses.
+
+    `corners`, `grid_triangles` and `edges` are fields of `geometry.projection.Projection`.
+    """
     # The lines are computed in separate programs: an image without its derivative needs only their
     # number, to compare with the capacity for runs.
     sides, vertex = materialized(_reoriented_sides)(corners.high, grid_triangles, triangles)
@@ -104,9 +112,10 @@ def _reoriented_sides(
     grid_triangles: GridTriangles,
     triangles: Int[Array, "triangles 3"],
 ) -> tuple[Sides, Int[Array, "triangles 3"]]:
-    """Reorient the triangles to positive orientation.
+    """Reorient the triangles to positive area.
 
-    Returns their sides, in pixels, and the vertex index of each corner.
+    `corners` are the snapped corners, in pixels. Returns the three sides of each triangle, in
+    pixels, and the vertex index of each corner.
     """
     orientation = grid_triangles.orientation
     vertex = reorient(triangles.T, orientation).T
@@ -123,10 +132,11 @@ def _surface(
     orientation: Int[Array, " triangles"],
     plan: Plan,
 ) -> Surface:
-    """Gather the data that shading needs.
+    """Gather the data that shading needs: corner attributes, weights and textures.
 
-    With `crossed_edges`, the corner attributes get the interior term as their derivative with
-    respect to positions.
+    `orientation` is the sign of each triangle's area in the scene, by which corners are reoriented.
+    If `crossed_edges` is given and colours vary within triangles, the corner attributes get the
+    interior term as their derivative with respect to positions.
     """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
@@ -139,7 +149,10 @@ def _surface(
 
 
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
-    """Static parameters of the boundary term of an image, from the capacities of a plan."""
+    """Static parameters of the boundary term of an image, from the capacities of a plan.
+
+    `channels` is the number of channels of the image.
+    """
     max_chunks, max_list_length = (
         capacity.max_chunks,
         capacity.max_chunks * capacity.slots_per_chunk,

@@ -70,8 +70,8 @@ def render_checked(
 def compile_render(scene: Scene, plan: Plan) -> Any:
     """Compile the program of `render` ahead of time, so that its costs can be inspected.
 
-    Returns the compiled program, to be called with a scene and a plan of the same shapes. It
-    returns a `Drawn`, and neither pads the scene nor checks for overflow.
+    Returns the compiled program, which takes a scene and a plan of the same shapes and returns a
+    `Drawn`. Unlike `render`, the program neither pads the scene nor checks for overflow.
     """
     return _render.lower(scene, plan).compile()
 
@@ -80,7 +80,8 @@ def compile_render(scene: Scene, plan: Plan) -> Any:
 def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
     """Draw the image, and compare the list lengths that it needed with the plan's capacities.
 
-    Both are done in one program: outside it, each comparison would be a program of its own.
+    One compiled program does the drawing and the comparisons. Outside it, each comparison would be
+    a program of its own.
     """
     drawn = _render_one_by_one(scene, plan) if _fills_cache(scene, plan) else _render(scene, plan)
     return drawn.image, compare(drawn.needs, drawn.leaves_guard_band, plan)
@@ -104,7 +105,7 @@ def _count_pixels(scene: Scene, plan: Plan) -> int:
 
 
 def _render_one_by_one(scene: Scene, plan: Plan) -> Drawn:
-    """Draw as `_render` does; in a batch, one scene after another."""
+    """Draw as `_render` does; under `jax.vmap`, one scene of the batch after another."""
     arrays, static = eqx.partition((scene, plan), eqx.is_array)
     draw = one_by_one(lambda arrays: _drawn_arrays(*eqx.combine(arrays, static)))
     return Drawn(*draw(arrays))
@@ -119,7 +120,10 @@ def _drawn_arrays(scene: Scene, plan: Plan) -> tuple[Array, Needs, Array]:
 
 @eqx.filter_jit
 def _render(scene: Scene, plan: Plan) -> Drawn:
-    """Draw an image with straight alpha, and report the list lengths that it needed."""
+    """Draw an image with straight alpha, and report the list lengths that it needed.
+
+    Neither pads the scene nor checks for overflow.
+    """
     if scene.positions.ndim != 2:
         raise ValueError("`render` takes one scene: use jax.vmap for a batched one.")
     check_types(scene)

@@ -26,8 +26,9 @@ def value_and_grad_replanning(
 ) -> "ReplanningGradient":
     """Make a function that returns a loss and its gradient, and plans again for a scene that grows.
 
-    It computes what `equinox.filter_value_and_grad(loss)` does, compiled. It is for loops outside
-    `jit` whose triangles move: when they outgrow the plan, it plans again and repeats the step.
+    The function computes the same as `equinox.filter_value_and_grad(loss)`, compiled. It is for
+    loops outside `jit` in which triangles move: when they outgrow the plan, it makes a larger plan
+    and repeats the step.
 
     - `loss(parameters, plan, *args)`: returns a number, computed with `render(scene, plan)`; with
       `has_aux`, a tuple of a number and anything else. The gradient is with respect to all floats
@@ -38,7 +39,7 @@ def value_and_grad_replanning(
       each step, and less headroom costs a compilation more often.
 
     Call the result as `value, gradient = result(parameters, *args)`. `result.plan` is the plan in
-    use, and `result.replans` counts how often it was replaced. A loss that is NaN or infinite
+    use, and `result.replans` counts how often the plan was replaced. A loss that is NaN or infinite
     although the plan is large enough is returned as it is, after planning once more. The loss must
     be NaN if the image is: a loss that ignores NaN, such as `jnp.nanmean`, hides that a plan was
     outgrown.
@@ -90,5 +91,5 @@ class ReplanningGradient:
             self.replans += 1
 
     def _plan_for(self, parameters: Any, *args: Any) -> Plan:
-        """Plan for the scene of these parameters, so that on overflow the image is NaN."""
+        """Plan for the scene of `parameters`; the image is NaN if a scene outgrows the plan."""
         return plan(self._scene_of(parameters, *args), on_overflow="nan", **self._options)

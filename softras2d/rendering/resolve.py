@@ -23,7 +23,7 @@ _BLOCK = 2**16
 def resolve(
     visible: Visibility, values: Any, background: Any = None
 ) -> Float[Array, "height width channels"]:
-    """Average values over the samples of each pixel, with the exact gradient of hard mode.
+    """Average values over the samples of each pixel, with the exact gradient of `Hard` coverage.
 
     - `visible`: from `rasterize`, with one layer.
     - `values`: either a function `shade(triangle, barycentric)`, or an array `[height, width,
@@ -78,7 +78,10 @@ def resolve(
 def _boundary(
     visible: Visibility, projected: Projected, samples: OpaqueSamples, channels: int
 ) -> Float[Array, "height width channels"]:
-    """Return an image of zeros whose derivative is the boundary term."""
+    """Return an image of zeros whose derivative is the boundary term of the image of `resolve`.
+
+    `samples` has the triangle that shows at each sample, and the colours to compare.
+    """
     scene, plan = visible.scene, visible.plan
     assert projected.crossed_edges is not None
     capacity = plan.capacity_of(scene.triangles.shape[0])
@@ -89,7 +92,11 @@ def _boundary(
 def _mean_of_shaded(
     visible: Visibility, shade: Shade, projected: Projected, background: Float[Array, " channels"]
 ) -> Float[Array, "height width channels"]:
-    """Shade a block of rows of pixels at a time, and average over the samples of each pixel."""
+    """Evaluate `shade` at all samples, and average the values over the samples of each pixel.
+
+    One block of rows of pixels is computed at a time, and again in the backward pass. `background`
+    is the value of samples where no triangle shows.
+    """
     grid = visible.plan.grid
     rows = min(max(_BLOCK // (grid.width * grid.samples), 1), grid.height)
     blocks = -(-grid.height // rows)
@@ -141,7 +148,10 @@ def _count_channels(visible: Visibility, values: Any) -> int:
 
 
 def _background(visible: Visibility, background: Any, channels: int) -> Float[Array, " channels"]:
-    """The given background, or else the scene's; `ValueError` unless it has `channels` channels."""
+    """Return the given background, or the scene's if it is None.
+
+    Raises `ValueError` unless it has `channels` channels.
+    """
     name = "the scene's background" if background is None else "`background`"
     background = visible.scene.background if background is None else jnp.asarray(background)
     if background.shape != (channels,):

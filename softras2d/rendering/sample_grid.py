@@ -15,9 +15,11 @@ from ..gradients.crossings import Sample
 
 
 def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
-    """Columns and rows, on the sample grid, of all samples in `rows` rows of pixels.
+    """Columns and rows, on the canvas's grid of samples, of all samples in some rows of pixels.
 
-    `first_row` is the first row of pixels. Both arrays of the result are `[rows, width * samples]`.
+    These are `rows` rows of pixels, of which `first_row` is the first. The two arrays of the result
+    are `[rows, width * samples]`: pixel by pixel, and within a pixel in the order of visibility
+    buffers, as the module's docstring defines it.
     """
     shape = (rows, grid.width, grid.samples)
     row, column, sample = (jnp.arange(n, dtype=jnp.int32) for n in shape)
@@ -27,7 +29,7 @@ def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
 
 
 def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
-    """Call a function for one row of pixels after another, and stack its results.
+    """Call a function for each row of pixels of the canvas in turn, and stack its results.
 
     `look(sample=...)` gets the samples of a row, `[1, width * samples]`, and returns an array of
     this shape, or with further axes. The result is `[height, 1, width * samples, ...]`. Only one
@@ -40,7 +42,10 @@ def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
 
 
 def buffer_index(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:
-    """Index of each sample in a flattened buffer `[height, width, samples]`."""
+    """Index of each sample in a flattened visibility buffer `[height, width, samples]`.
+
+    `sample` has columns and rows on the canvas's grid of samples.
+    """
     column, row = sample
     pixel = (row // grid.rate) * grid.width + column // grid.rate
     return pixel * grid.samples + (row % grid.rate) * grid.rate + column % grid.rate

@@ -48,7 +48,11 @@ class SampledMode(CoverageMode):
     missing: ClassVar[dict[str, str]] = {}
 
     def gradient_border(self, coverage: Any) -> int:
-        """One pixel: an edge between two windows passes between a sample of each."""
+        """One pixel, or 0 without `Hard.edge_gradients`.
+
+        An edge at the border of two windows passes between a sample of one and a sample of the
+        other, and its derivative needs the colours at these two samples.
+        """
         return int(coverage.edge_gradients)
 
     def list_needs(
@@ -58,7 +62,10 @@ class SampledMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Choose tiles in which a row of samples is one word, and name the lists not needed."""
+        """Choose tiles in which a row of samples is one word, and name the lists not needed.
+
+        Arguments are as in `CoverageMode.list_needs`.
+        """
         coverage, grid = cast(Hard, drawings[0].coverage), drawings[0].grid
         scenes = [drawing.scene for drawing in drawings]
         translucent = any(map(is_translucent, scenes))
@@ -73,7 +80,7 @@ class SampledMode(CoverageMode):
         return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Draw the mean of each pixel's samples: project, list tiles, cover, shade, composite."""
+        """Draw the mean of each pixel's samples: project, list, cover, shade, composite."""
         capacity = plan.capacity_of(scene.triangles.shape[0])
         binned = bin_scene(scene, plan)
         needs = binned.needs
@@ -106,8 +113,8 @@ def _composite_translucent(
 ) -> Array:
     """Composite translucent triangles at each sample, front to back, and average over each pixel.
 
-    Returns the premultiplied image, whose derivative includes the boundary term. `background` is
-    premultiplied.
+    `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
+    image, whose derivative includes the boundary term. `background` is premultiplied.
     """
     projected, lists, steps, _ = binned
     assert steps is not None
@@ -141,9 +148,9 @@ def _sum_opaque(
 ) -> tuple[Array, Array]:
     """Average the colours of the visible samples of opaque triangles in each pixel.
 
-    Returns the premultiplied image, whose derivative includes the boundary term, and the number of
-    fragments that were needed (0 if colours are not evaluated point by point). `background` is
-    premultiplied.
+    `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
+    image, whose derivative includes the boundary term, and the number of fragments that were needed
+    (0 if colours are not evaluated point by point). `background` is premultiplied.
     """
     tiling = plan.tiling
     front, covered = visible_samples
@@ -179,7 +186,10 @@ def _with_boundary_term(
     tiling: Tiling,
     capacity: Capacity,
 ) -> Array:
-    """Return `image`, whose derivative now includes the boundary term."""
+    """Return `image` unchanged, except that its derivative includes the boundary term.
+
+    `samples` has what shows at each sample, and the colours to compare.
+    """
     assert projected.crossed_edges is not None
     shape = boundary_shape(tiling, image.shape[-1], capacity)
     return with_boundary_term(
@@ -190,8 +200,9 @@ def _with_boundary_term(
 def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling) -> Array:
     """Sum the colours of the visible samples of each pixel, over the slots of each chunk.
 
-    The colours must be affine on the screen. Returns `[chunks, channels, fields, word_rows]`, the
-    layout of `compositing.opaque`.
+    `visible` has the coverage words of the visible samples of each slot. The colours must be affine
+    on the screen. Returns `[chunks, channels, fields, word_rows]`, the layout of
+    `compositing.opaque`.
     """
     colors = surface.corners.color
     is_interpolated = colors.shape[0] == 3
@@ -213,6 +224,9 @@ def _slot_weights(
     *,
     tiling: Tiling,
 ) -> Weights:
-    """Barycentric weights of each slot's triangle, as functions of the sample within the tile."""
+    """Barycentric weights of each slot's triangle, as functions of the sample within the tile.
+
+    `triangle` and `tile` are the triangle and the tile of each slot.
+    """
     edges, area, planes = surface[:3]
     return slot_weights(edges, area, triangle, tile, tiling, planes)

@@ -31,7 +31,8 @@ class SoftMode(AnalyticMode):
     def prepare(self, coverage: Soft, max_width: float | None) -> Soft:
         """Return the option with its width and temperature as float32 arrays.
 
-        Raises `ValueError` unless both, and `max_width` if it is given, are concrete and above 0.
+        Raises `ValueError` unless width, temperature and `max_width`, if it is given, are concrete
+        numbers above 0 and below 2^30.
         """
         if max_width is not None:
             _check_positive("max_width", max_width)
@@ -41,16 +42,19 @@ class SoftMode(AnalyticMode):
         return eqx.tree_at(lambda c: (c.width, c.temperature), coverage, numbers)
 
     def reach(self, coverage: Soft, max_width: float | None) -> float:
-        """Distance from an edge, in pixels, at which coverage reaches 0 at the largest width."""
+        """Distance from an edge, in pixels, at which coverage reaches 0.
+
+        It is taken at the larger of the option's width and `max_width`.
+        """
         width = float(coverage.width)
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
     def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
-        """Coverage is a profile of the signed distance; weights are at the nearest point."""
+        """Coverage as a profile of the signed distance, and weights at the nearest point."""
         return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))
 
     def parameter(self, coverage: Soft, dtype: Any) -> Array:
-        """Width of the edges, in pixels."""
+        """The width of the soft edges, in pixels."""
         return jnp.asarray(coverage.width).astype(dtype)
 
     def slot_geometry(
@@ -61,7 +65,7 @@ class SoftMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """The edge lines, which both functions take."""
+        """Return the edge lines, which are the geometry for coverage and for weights."""
         return SlotGeometry(lines, lines)
 
     def composite(
@@ -72,7 +76,7 @@ class SoftMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Composite in draw order, or mix by depth if the scene has depth."""
+        """Composite in draw order, or mix by depth (`depth_softmax`) if the scene has depth."""
         opacity, color, depth = shaded
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)

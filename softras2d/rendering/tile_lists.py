@@ -20,7 +20,10 @@ def list_for_plan(
     is_occluder: Bool[Array, " triangles"],
     plan: Plan,
 ) -> TileLists:
-    """List the triangles that touch each tile, or every triangle if the plan says so."""
+    """List the triangles that may show in each tile, or every triangle if `plan.lists_all`.
+
+    `edges`, `bounds` and `is_occluder` are as in `binning.pairs.find_pairs`.
+    """
     tiling, triangles = plan.tiling, is_occluder.shape[0]
     if plan.lists_all:
         return list_every_triangle(triangles, tiling)
@@ -31,7 +34,7 @@ def list_for_plan(
 
 
 def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunks:
-    """Cut the tile lists into chunks of slots.
+    """Cut the tile lists of `list_for_plan` into chunks of slots.
 
     If the plan lists every triangle for every tile, slots whose triangle's bounding box misses the
     tile are left empty (`filled` is false).

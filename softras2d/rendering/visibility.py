@@ -60,12 +60,13 @@ class Visibility(eqx.Module):
 
     @property
     def barycentric(self) -> Float[Array, "height width samples *layers 3"]:
-        """Weights of the corners in the order of `scene.triangles`; 0 for background.
+        """Barycentric weights of the corners of the triangle at each sample; 0 for background.
 
-        They sum to 1, and are perspective-correct if the scene has `inverse_w`. They are taken at
-        the sample or, with `Hard(shading="pixel")`, at the one point of the pixel where `render`
-        shades the triangle. Their derivative by positions is taken at a fixed point of the screen:
-        it is the interior term of `render`.
+        The weights are in the order of `scene.triangles`, and sum to 1. They are
+        perspective-correct if the scene has `inverse_w`. They are taken at the sample or, with
+        `Hard(shading="pixel")`, at the one point of the pixel where `render` shades the triangle.
+        Their derivative by positions is taken at a fixed point of the screen: it is the interior
+        term of `render`.
         """
         return self._checked(_weights(self, perspective=True))
 
@@ -93,8 +94,8 @@ class Visibility(eqx.Module):
     def overdraw(self) -> Int[Array, "height width samples"]:
         """Number of triangles that cover each sample, including hidden ones.
 
-        It is -1 everywhere if the scene outgrew the plan. With as many `layers` as its largest
-        value, `rasterize` leaves out no triangle.
+        It is -1 everywhere if the scene outgrew the plan. If the argument `layers` of `rasterize`
+        is the largest value of `overdraw` or more, no triangle is left out of the buffers.
         """
         count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
         return jnp.where(self.overflow, -1, count)
@@ -185,6 +186,7 @@ def _interpolate(
 
 
 def _check(plan: Plan, layers: int) -> None:
+    """Check the arguments of `rasterize`; raise `ValueError` for those that it does not take."""
     if not isinstance(layers, int) or layers < 1:
         raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     if plan.side:
@@ -202,7 +204,10 @@ def _check(plan: Plan, layers: int) -> None:
 
 @eqx.filter_jit
 def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outcome]:
-    """Find the index of the triangle at each sample, and whether the plan was large enough."""
+    """Find the index of the triangle at each sample, and whether the plan was large enough.
+
+    Arguments are as in `rasterize`. The indices are laid out as `Visibility.triangle`.
+    """
     if scene.positions.ndim != 2:
         raise ValueError("`rasterize` takes one scene: use jax.vmap for a batched one.")
     check_types(scene)
@@ -250,9 +255,10 @@ def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width sample
 
 
 def _weights(visible: Visibility, *, perspective: bool) -> Array:
-    """Barycentric weights of the triangle at every sample, 0 for background.
+    """Barycentric weights of the corners of the triangle at every sample, 0 for background.
 
-    If `perspective` is false, they are affine on the screen even if the scene has `inverse_w`.
+    The last axis has the three corners. If `perspective` is false, the weights are affine on the
+    screen even if the scene has `inverse_w`.
     """
     scene, plan, triangle = visible.scene, visible.plan, visible.triangle
     grid = plan.grid

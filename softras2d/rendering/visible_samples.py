@@ -27,8 +27,10 @@ from .tile_lists import chunks_for_plan, list_for_plan
 class BinnedScene(NamedTuple):
     """A scene on the sample grid, and the triangles that may be visible in each tile.
 
-    - `steps`: order in which the depth test and translucency go through the lists; None where
-      neither does.
+    - `projected`: the triangles on the sample grid.
+    - `lists`: the triangles of each tile, nearest first.
+    - `steps`: order in which the depth test and translucency go through the lists; None if the
+      scene has neither, or if translucent lists include hidden triangles.
     - `needs`: lengths needed for the lists that are made so far: strips, pairs, runs, steps.
     """
 
@@ -41,8 +43,8 @@ class BinnedScene(NamedTuple):
 class VisibleSamples(NamedTuple):
     """The visible samples of each triangle, as if all triangles were opaque.
 
-    - `front`: the visible samples of each slot's triangle.
-    - `covered`: the samples that each slot's triangle covers, visible or not.
+    - `front`: the visible samples of each slot's triangle, and the chunks of slots.
+    - `covered`: coverage words of each slot's triangle: the samples that it covers, visible or not.
     """
 
     front: Front
@@ -52,9 +54,9 @@ class VisibleSamples(NamedTuple):
 def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedScene:
     """Project a scene of at least one triangle, and list the triangles of every tile.
 
-    `list_hidden`: whether to list also the triangles that are hidden throughout a tile, because an
-    opaque triangle in front of them covers the tile. They need no larger plan, since the capacity
-    for pairs includes them.
+    `list_hidden`: whether a triangle is also listed for tiles in which it is hidden completely,
+    because an opaque triangle in front of it covers the tile. The list of all pairs needs no larger
+    plan for them, since the capacity for pairs includes hidden pairs.
     """
     capacity = plan.capacity_of(scene.triangles.shape[0])
     projected = project_scene(scene, plan)
@@ -82,7 +84,10 @@ def _total_runs(crossed_edges: CrossedEdges, *, tiling: Tiling) -> Int[Array, ""
 
 
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:
-    """Find the samples at which each triangle is the nearest of all that cover them."""
+    """Find the samples of each slot at which its triangle is the nearest of all covering triangles.
+
+    With depth, only triangles that pass the depth test there count.
+    """
     projected, lists, _, _ = binned
     chunks = chunks_for_plan(lists, projected.bounds, plan)
     if projected.depths is None:
@@ -104,9 +109,9 @@ def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSample
 def listed_words(
     binned: BinnedScene, plan: Plan
 ) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
-    """Coverage words of each listed pair, before and after the depth test.
+    """Coverage words of each listed pair of a triangle and a tile, before and after the depth test.
 
-    Without depth, or without steps, both are the same.
+    If the scene has no depth, or `binned` no steps, the two results are the same.
     """
     projected, lists, steps, _ = binned
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling

@@ -16,10 +16,11 @@ triangle costs only its projection, which is little compared with the samples of
 
 
 class Piece(NamedTuple):
-    """Some triangles of a whole scene, with their indices in the whole scene.
+    """Some triangles of a scene, the whole scene, with their indices in the whole scene.
 
-    - `scene`: a scene of these triangles and their vertices, in host arrays.
-    - `triangle`, `vertex`: for each triangle and vertex of the piece, its index in the whole scene.
+    - `scene`: a scene of only these triangles and their vertices, in host arrays.
+    - `triangle`: for each triangle of the piece, its index in the whole scene.
+    - `vertex`: for each vertex of the piece, its index in the whole scene.
     """
 
     scene: Scene
@@ -28,9 +29,9 @@ class Piece(NamedTuple):
 
 
 def piece_class(triangles: int) -> int:
-    """Size class of a piece: the number of triangles to which it is padded.
+    """Size class of a piece of `triangles` triangles: the number of triangles after padding.
 
-    64 times a power of 16 for up to 2^14 triangles, and `triangle_class` for more.
+    It is 64 times a power of 16 for up to 2^14 triangles, and `triangle_class` for more.
     """
     size = 64
     while size < triangles:
@@ -40,7 +41,7 @@ def piece_class(triangles: int) -> int:
 
 
 def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
-    """Take triangles by index from a scene of host arrays, with only the vertices they use."""
+    """Take triangles by index from a scene of host arrays, with only the vertices that they use."""
     vertex, renumbered = np.unique(scene.triangles[triangle], return_inverse=True)
     selected = _with_entries(
         scene,
@@ -52,7 +53,10 @@ def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
 
 
 def padded(piece: Piece) -> Scene:
-    """Pad the scene of a piece to its size class with triangles that cover nothing."""
+    """Return the scene of a piece, padded with triangles that cover nothing.
+
+    It has `piece_class` triangles, and three times as many vertices.
+    """
     size = piece_class(len(piece.triangle))
     return pad_to(piece.scene, size, 3 * size)
 
@@ -60,7 +64,8 @@ def padded(piece: Piece) -> Scene:
 def blank_piece(scene: Scene) -> Piece:
     """Make a piece of `scene` that shows nothing but the background.
 
-    Its only triangle covers nothing, and has no index in the whole scene.
+    Its only triangle covers nothing, and is not counted in `Piece.triangle`. If `scene` has no
+    triangles, the piece has none either.
     """
     no_indices = np.zeros(0, np.int32)
     if len(scene.triangles) == 0:
@@ -102,9 +107,12 @@ def _with_entries(
     change_vertices: Callable[[Any], Any],
     triangles: Int[np.ndarray, "triangles 3"],
 ) -> Scene:
-    """Apply one function to every array of triangles, and another to every array of vertices.
+    """Return a scene with other triangles and vertices.
 
-    The vertex indices are replaced by `triangles`. Returns the changed scene.
+    - `change_triangles`: is applied to every array with an entry for each triangle, except the
+      vertex indices.
+    - `change_vertices`: is applied to every array with an entry for each vertex.
+    - `triangles`: the new vertex indices.
     """
     functions = {
         "positions": change_vertices, "colors": change_triangles, "uv": change_triangles,

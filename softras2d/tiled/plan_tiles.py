@@ -50,8 +50,9 @@ class TiledPlan:
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `border`: width, in pixels, of the margin that is drawn around each window, for gradients with
       respect to positions; 0 for none.
-    - `lists`: triangles of each window.
-    - `plans`: the plan for the windows of each size class (`pieces.piece_class`).
+    - `lists`: indices of the triangles of each window.
+    - `plans`: for each size class (`pieces.piece_class`), the plan of the windows whose piece of
+      the scene has this class.
     - `witness`: for `Area("sum")`, the sign of the sum of all signed areas, 1 or -1, which decides
       which triangles are subtracted (`pieces.with_witness`); None for other coverage.
     - `has_gradients`: whether the plan is for `tiled_value_and_grad`.
@@ -81,9 +82,10 @@ class TiledPlan:
         return max(plan.memory for plan in self.plans.values())
 
     def plan_at(self, number: int) -> Plan:
-        """The plan with which the window of this number is drawn, at the window's origin.
+        """The plan with which the window of this number is drawn.
 
-        Its canvas includes the border.
+        The canvas of this plan is the window with its border, and its origin is the border's upper
+        left.
         """
         plan = self.plans[self._class_of(number)]
         window = self.cut.window(number)
@@ -91,10 +93,14 @@ class TiledPlan:
         return _at_origin(plan, first_pixel)
 
     def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
-        """Indices, in the planned scene, of the triangles of a window, in draw order."""
+        """Indices, in the planned scene, of the triangles of a window, in draw order.
+
+        `number` is the number of the window.
+        """
         return self.lists.triangles_of(number)
 
     def _class_of(self, number: int) -> int:
+        """Size class of the piece of the scene that the window of this number draws."""
         return piece_class(len(self.lists.triangles_of(number)) + (self.witness is not None))
 
     def __repr__(self) -> str:
@@ -171,7 +177,7 @@ def plan_tiles(
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
-    If the plan has a witness, it is appended as the last triangle.
+    If the plan has a witness (`pieces.with_witness`), the witness is appended as the last triangle.
     """
     host = jax.tree.map(np.asarray, scene)
     if plan.witness is None or len(host.triangles) == 0:
@@ -180,7 +186,11 @@ def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
 
 
 def _checked_cut(height: int, width: int, tile: int | None, coverage: Coverage) -> Cut:
-    """Check the sizes of canvas and windows, and return the cut; raise `ValueError` otherwise."""
+    """Check the sizes of canvas and windows, in pixels, and return the cut of the canvas.
+
+    `tile` is the side of a window; None chooses the default. Raises `ValueError` for sizes that
+    `plan_tiles` does not accept.
+    """
     # A window must consist of whole tiles of the renderer, so that the colours of each pixel are
     # summed in the same order as on the whole canvas.
     multiple = 80 if coverage.rate == 3 else 32
@@ -196,7 +206,8 @@ def _checked_cut(height: int, width: int, tile: int | None, coverage: Coverage) 
 def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> tuple[Grid, Grid]:
     """Return the fixed-point grid of the whole canvas, and the grid of a window with its border.
 
-    Both snap vertices to the same multiples of a pixel.
+    The two grids have the same unit, so that they snap vertices to the same points. `border` is the
+    width of the border, in pixels, and `grid_bits` is the argument of `plan_tiles`.
     """
     rate = coverage.rate
     height, width = (min(side, cut.tile) + 2 * border for side in (cut.height, cut.width))
@@ -211,7 +222,10 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
 
 
 def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode) -> Boxes:
-    """Bounding box of the pixels whose value or gradient each triangle can change."""
+    """Bounding box of the pixels of the canvas whose value or gradient each triangle can change.
+
+    `corners` are in pixels of the scene.
+    """
     if isinstance(mode, AnalyticMode):
         # One pixel more than the coverage reaches, for rounding errors.
         return reached_boxes(corners - canvas.origin, mode.reach(canvas.coverage, None) + 1.0)
@@ -245,7 +259,7 @@ class _Windows(NamedTuple):
     extra_triangles: int
 
     def drawing(self, number: int) -> Drawing:
-        """The triangles of a window, on the canvas of the window with its border."""
+        """The triangles of the window of this number, on a canvas of the window with its border."""
         window = self.cut.window(number)
         first_pixel = np.array([window.x, window.y], np.int32) - self.border
         return self.canvas._replace(
@@ -255,7 +269,10 @@ class _Windows(NamedTuple):
         )
 
     def groups(self) -> dict[int, list[int]]:
-        """Group the numbers of the windows by size class."""
+        """Group the windows by the size class of their piece of the scene (`pieces.piece_class`).
+
+        Returns the numbers of the windows of each size class.
+        """
         groups: defaultdict[int, list[int]] = defaultdict(list)
         for number, length in enumerate(np.diff(self.lists.starts)):
             groups[piece_class(int(length) + self.extra_triangles)].append(number)
@@ -265,8 +282,9 @@ class _Windows(NamedTuple):
 def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> dict[int, Plan]:
     """Make the plan for the windows of each size class.
 
-    `canvas_listing` is for the whole canvas: it decides whether every tile lists every triangle,
-    and fixes the side of tiles under analytic coverage.
+    `canvas_listing` is the listing of the scene on the whole canvas. It decides whether every tile
+    lists every triangle, and gives the side of the renderer's tiles under analytic coverage, so
+    that windows are drawn like the whole canvas.
     """
     groups, lists = windows.groups(), windows.lists
     drawings = {
@@ -295,7 +313,10 @@ def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> di
 
 
 def _lists_all(triangles: int, listing: Listing) -> bool:
-    """Whether the default plan of the whole canvas lists every triangle for every tile."""
+    """Whether the default plan of the whole canvas lists every triangle for every tile.
+
+    `triangles` is the number of triangles of the scene, and `listing` is for the whole canvas.
+    """
     return (
         listed_triangle_class(triangles) * listing.tiling.count <= listing.headroom.list_all_slots
     )
@@ -329,9 +350,10 @@ def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Lis
 
 
 def _plan(grid: Grid, drawings: Sequence[Drawing], layout: Layout, mode: CoverageMode) -> Plan:
-    """Make the plan of windows that share a program, at the origin (0, 0).
+    """Make the plan of windows that share a program, with the origin (0, 0).
 
-    `grid` is the fixed-point grid of one window with its border.
+    - `grid`: the fixed-point grid of one window with its border.
+    - `drawings`: the drawings of the windows, whose effects the plan gets.
     """
     return Plan(
         height=grid.height,
@@ -349,11 +371,12 @@ def _plan(grid: Grid, drawings: Sequence[Drawing], layout: Layout, mode: Coverag
 
 
 def _at_origin(plan: Plan, origin: Int[np.ndarray, "2"]) -> Plan:
+    """Return the plan with another origin."""
     return eqx.tree_at(lambda plan: plan.origin, plan, to_device(origin))
 
 
 def _orientation_of_all(corners: np.ndarray) -> int:
-    """Sign of the sum of the signed areas of all finite triangles: -1 if it is negative, else 1."""
+    """Sign of the sum of the signed areas of all finite triangles: -1 if negative, else 1."""
     corners = corners[np.isfinite(corners).all((1, 2))]
     (ax, ay), (bx, by) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
     return -1 if float(np.sum(ax * by - ay * bx)) < 0 else 1

@@ -65,7 +65,8 @@ def render_tiles(
 def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
     """Take the triangles of the window of this number; None if no triangle comes near it.
 
-    `host` is the scene that `host_scene` returned. If the plan has a witness, the piece has it too.
+    `host` is the scene that `host_scene` returned. If the plan has a witness
+    (`pieces.with_witness`), the piece gets it as its last triangle.
     """
     triangle = plan.triangles_of(number)
     if len(triangle) == 0:
@@ -76,7 +77,10 @@ def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
 
 
 def put_on_device(piece: Piece, plan: TiledPlan, number: int, device: Device) -> Any:
-    """Put the padded scene of a piece and the plan of its window on a device; returns both."""
+    """Put the padded scene of a piece, and the plan of the window `number`, on a device.
+
+    Returns the scene and the plan.
+    """
     return jax.device_put((padded(piece), plan.plan_at(number)), device)
 
 
@@ -87,8 +91,9 @@ def start_in_turns(
 ) -> Iterator[tuple[Window, T]]:
     """Call `start(window, device)` for each window, on the devices in turn.
 
-    Yields each window with the result, in the order of `windows`. Calls start ahead of the results
-    that are yielded, so that all devices stay busy.
+    Yields each window with the result of its call, in the order of `windows`. Two calls per device
+    are made before the first result is yielded, so that all devices stay busy. By default the
+    windows are drawn on JAX's first device.
     """
     devices = jax.local_devices()[:1] if devices is None else list(devices)
     if not devices:

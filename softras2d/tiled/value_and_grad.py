@@ -96,7 +96,7 @@ def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
 
 
 def _zeros(scene: Scene) -> dict[str, np.ndarray]:
-    """Make zeros in float64, by name, of the shape of every float array of a scene."""
+    """Make an array of zeros, in float64, for every float array of a scene, by the array's name."""
     names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
     sums: dict[str, np.ndarray] = {
         name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")
@@ -107,9 +107,11 @@ def _zeros(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
-    """Add the gradient of a piece to the entries of the whole scene from which it was taken.
+    """Add the gradient with respect to a piece to the gradient with respect to the whole scene.
 
-    `sums` are changed in place.
+    - `sums`: the gradient with respect to the whole scene, by the name of the array; changed in
+      place.
+    - `gradient`: the gradient with respect to the padded scene of `piece`.
     """
     for name, total in sums.items():
         if name == "texels":
@@ -125,7 +127,10 @@ def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
 
 
 def _as_scene(scene: Scene, sums: dict[str, np.ndarray]) -> Scene:
-    """Return the sums as a scene, in the dtype of the positions; arrays of integers are None."""
+    """Return `sums`, arrays by name, as a scene in the dtype of the positions of `scene`.
+
+    Arrays of integers are None in the result.
+    """
     names = [name for name in sums if name != "texels"]
     dtype = scene.positions.dtype
     gradient = eqx.tree_at(

@@ -26,12 +26,12 @@ class Window(NamedTuple):
 
     @property
     def rows(self) -> slice:
-        """Rows of the canvas that the window shows, to index an array."""
+        """Rows of the canvas that the window shows, as a slice for arrays of the canvas."""
         return slice(self.y, self.y + self.height)
 
     @property
     def columns(self) -> slice:
-        """Columns of the canvas that the window shows, to index an array."""
+        """Columns of the canvas that the window shows, as a slice for arrays of the canvas."""
         return slice(self.x, self.x + self.width)
 
 
@@ -76,7 +76,8 @@ class TriangleLists(NamedTuple):
     """Triangles of every window, in draw order, one window's list after another.
 
     - `triangle`: index of the triangle of each entry.
-    - `starts`: index of the first entry of each window; then the number of all entries.
+    - `starts`: index of the first entry of each window's list, followed by the number of all
+      entries, where the list of the last window ends.
     """
 
     triangle: Int[np.ndarray, " pairs"]
@@ -113,10 +114,12 @@ def sampled_boxes(
 ) -> Boxes:
     """Boxes of the pixels with a sample in the bounding box of each triangle.
 
-    They are computed exactly as `render` does: a window must not list a triangle that the whole
-    canvas does not list, because colours would then be summed in another order. `corners` are in
-    pixels of the scene, and `origin` is the pixel of the scene at the canvas's upper left. A
-    triangle with a NaN or infinite corner has an empty box.
+    `corners` are in pixels of the scene, `grid` is the fixed-point grid of the whole canvas, and
+    `origin` is the pixel of the scene at the canvas's upper left. A triangle with a NaN or infinite
+    corner has an empty box.
+
+    The boxes are computed exactly as by `render`: a window must not list a triangle that the whole
+    canvas does not list, because colours would then be summed in another order.
     """
     unit, rate = 2.0**grid.bits, grid.rate
     # Corners in units of the fixed-point grid, which are exact in float64.
@@ -129,9 +132,9 @@ def sampled_boxes(
 
 
 def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxes:
-    """Make boxes from `low` to `high`, in pixels, rounded down to whole pixels.
+    """Make boxes from `low` to `high`, two points in pixels, rounded down to whole pixels.
 
-    They are empty for triangles with a NaN or infinite corner.
+    The box of a triangle with a NaN or infinite corner is empty. `corners` is only read for this.
     """
     finite = np.asarray(np.isfinite(corners).all((1, 2)))[:, None]
     return Boxes(np.where(finite, np.floor(low), 0.0), np.where(finite, np.floor(high), -1.0))
