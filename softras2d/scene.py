@@ -326,7 +326,7 @@ def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
 
 
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """Check and convert an optional array of a scene to `dtype`, or to int32 if that is None."""
+    """Check the shape of an optional array, and convert it to `dtype`; None stands for int32."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
@@ -335,7 +335,7 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
 
 
 def _integers(name: str, value: Any) -> Any:
-    """Convert to an array of integers of unchanged dtype, on the host or traced."""
+    """Convert a value to an array of integers, on the host or traced, and keep its dtype."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
@@ -350,7 +350,7 @@ def _colors(name: str, value: Any, dtype: Any) -> Any:
 
 
 def _floats(name: str, value: Any, dtype: Any) -> Any:
-    """Convert to floats of `dtype`, on the host or traced.
+    """Convert a value to an array of floats of `dtype`, on the host or traced.
 
     With `dtype` None, floats keep their dtype and integers become float32.
     """
@@ -366,7 +366,7 @@ def _floats(name: str, value: Any, dtype: Any) -> Any:
 
 
 def _numbers(name: str, value: Any) -> Any:
-    """Convert to an array of real numbers, on the host or traced."""
+    """Convert a value to an array of real numbers, on the host or traced."""
     try:
         array = to_host(value)
     except (TypeError, ValueError) as error:
@@ -379,9 +379,9 @@ def _numbers(name: str, value: Any) -> Any:
 
 
 def take_triangles(scene: Scene, is_taken: np.ndarray) -> Scene:
-    """Return a scene of only the triangles where `is_taken` is true; not for use while tracing.
+    """Return a scene of only the triangles where `is_taken`, `[triangles]`, is true.
 
-    All vertices are kept, with their indices.
+    All vertices are kept, with their indices. Not for use while tracing.
     """
     if is_taken.all():
         return scene

@@ -104,7 +104,8 @@ def _count_chunks(
 ]:
     """Compute the fields `count`, `tile`, `index`, `first` and `needed` of `Chunks`, in this order.
 
-    `list_length` is the number of triangles listed for each tile.
+    `capacity` is the length of `tile` and `index`. `list_length` is the number of triangles listed
+    for each tile.
     """
     count = -(-list_length // slots_per_chunk)
     tile, index = expand(count, capacity)

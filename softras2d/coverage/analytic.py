@@ -107,7 +107,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
 
 
 class AnalyticCoverage(PixelFunction[Geometry]):
-    """The fraction of each pixel that a triangle covers."""
+    """A `PixelFunction` whose value is the fraction of the pixel that a triangle covers, 0..1."""
 
     @abc.abstractmethod
     def reach(self, parameter: Parameter) -> Float[Array, ""]:

@@ -212,7 +212,7 @@ def pixel_row_span(
 
 
 def _clamped_mean(start: Array, end: Array) -> Array:
-    """Mean of x clamped to 0..1, as x goes evenly from `start` to `end`."""
+    """Mean of x clamped to 0..1, where x changes linearly from `start` to `end`."""
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
     extent = end - start
     past_right = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
@@ -253,7 +253,7 @@ def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple
 def _weighted_lengths(
     edge: ClippedEdge, x: PointValues, y: PointValues, weight: PointValues
 ) -> list[Array]:
-    """Multiply the integrals of `_length_in_pixel` by a weight of each pixel."""
+    """Multiply the two integrals of `_length_in_pixel` by a weight for each pixel."""
     return [length * weight for length in _length_in_pixel(edge, x, y)]
 
 

@@ -126,8 +126,11 @@ def _depth_at_samples(
 ) -> Float[Array, "sample_columns lines"]:
     """Compute the depth of one triangle per tile at every sample of a block of tiles.
 
-    A line is a row of samples in one tile. Lines go tile by tile, and the rows of a tile are in
-    `row_order`.
+    - `weights`: barycentric weights of each tile's triangle, as functions of the sample.
+    - `corner_depth`: depth of corners 0, 1 and 2 of each tile's triangle.
+
+    A line of the result is a row of samples in one tile. Lines go tile by tile, and the rows of a
+    tile are in `sampled.row_order`.
     """
     repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
     weights = weights.map_slots(lambda entry: repeat(entry)[None])
@@ -229,7 +232,10 @@ def depth_on_edge(
 def _depth_on_edge(
     depth: Float[Array, "3 triangles"], edge: Int[Array, " runs"], t: Float[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Interpolate depth between the ends of an edge; arguments are as in `depth_on_edge`."""
+    """Interpolate depth between the start and the end of an edge, as `depth_on_edge` defines it.
+
+    `depth` is `Depths.depth`.
+    """
     # Flatten `[3, triangles]` to the order of the edges.
     start, end = (ends.T.reshape(-1)[edge] for ends in (depth, jnp.roll(depth, -1, 0)))
     return start[None] + t * (end - start)[None]

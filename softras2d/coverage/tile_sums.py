@@ -101,7 +101,9 @@ def sum_over_pixels(
 ) -> tuple[Float[Array, " slots"], ...]:
     """Sum each of `terms(geometry, parameter, x, y, *pixel_values)` over each slot's pixels.
 
-    `terms` is called for one pixel of all slots at a time, and returns a list of arrays `[slots]`.
+    `terms` is called for one pixel of all slots at a time, with the centre (`x`, `y`) of the pixel,
+    in pixels from the tile's upper left. It returns a list of arrays `[slots]`. Returns the sum of
+    each of these arrays.
     """
     side = tile_side_of(pixel_values[0])
     by_row = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in pixel_values]

@@ -51,7 +51,10 @@ class Weights(NamedTuple):
     is_far: Bool[Array, "*slots"] | None = None
 
     def map_slots(self, change: Callable[[Array], Array]) -> "Weights":
-        """Apply `change`, which indexes or reshapes the slot axes, to every entry."""
+        """Apply `change`, which indexes or reshapes the slot axes, to every array of the fields.
+
+        `change` gets arrays of the shape `[*slots]`: leading axes are mapped over.
+        """
         edges = Edge(*(jax.vmap(change)(entry) for entry in self.edges))
         weights = Weights(edges, change(self.per_value), change(self.offset))
         if self.plane is None or self.is_far is None:

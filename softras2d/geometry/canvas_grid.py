@@ -18,7 +18,8 @@ class Grid(NamedTuple):
     - `height`, `width`: size of the canvas, in pixels.
     - `rate`: number of samples along the side of a pixel.
     - `bits`: vertices are snapped to multiples of 2^-bits pixel, the *grid unit*.
-    - `margin`: width of the guard band around the canvas, in pixels.
+    - `margin`: how far the *guard band* extends beyond each side of the canvas, in pixels. Only
+      vertices in this band can be snapped; triangles that reach past it are cut (`guard_band`).
     """
 
     height: int

@@ -106,7 +106,7 @@ class Edge(NamedTuple):
         return start.times(count).moved((self.right, columns), (self.down, rows))
 
     def rebased(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> "Edge":
-        """Return this edge function with samples counted from the one in this column and row."""
+        """Return this edge function with another sample (0, 0): the one in this column and row."""
         start, estimate = self.at(column, row)
         return self._replace(start=start, estimate=estimate)
 
@@ -138,7 +138,10 @@ class SampleBounds(NamedTuple):
 def sign_of_cross(
     ax: HostOrDeviceArray, ay: HostOrDeviceArray, bx: HostOrDeviceArray, by: HostOrDeviceArray
 ) -> HostOrDeviceArray:
-    """Exact sign of ax by - ay bx, -1, 0 or 1, for 24-bit integers, whose products need 48 bits."""
+    """Exact sign of the cross product ax by - ay bx, -1, 0 or 1, as int32.
+
+    The arguments are integers of at most 24 bits, so that the products need up to 48 bits.
+    """
     f32 = ax.__array_namespace__().float32
     estimate = ax.astype(f32) * by.astype(f32) - ay.astype(f32) * bx.astype(f32)
     # The estimate errs by less than 2^25.
@@ -227,7 +230,7 @@ class Snapped(NamedTuple):
 
 
 def snap(corners: Corners, grid: Grid) -> Snapped:
-    """Convert corners from pixels to grid units, clamped to the guard band.
+    """Convert snapped corners from pixels to integers in grid units, clamped to the guard band.
 
     Clamping changes the shape of a triangle past the band; `guard_band.clip` cuts it instead.
     """

@@ -1,13 +1,16 @@
 """Clipping of triangles that reach past the guard band, so that the grid stays fine.
 
-Each edge is cut to the band by itself, along one axis after the other. A triangle is convex, and
-near the canvas only those parts of its edges bound it that come near the canvas. So an edge that
-stays away from the canvas decides nothing there. If all three stay away, the canvas lies either
-completely inside the triangle or completely outside it.
+The guard band is the canvas with a wide margin, `Grid.margin`. Its points have coordinates of at
+most 24 bits in grid units. A triangle that reaches past the band is called *far*.
 
-Cuts are computed in twice the precision of the positions, from the end point nearer to the canvas,
-by the same operations for both triangles that share the edge. So neighbours stay joined. For
-corners up to 2^29 pixels away a cut is within a grid unit of the true line.
+Each edge of a far triangle is cut to the band by itself, along x and then along y. Only edges that
+come near the canvas bound the triangle there, so an edge that stays away from the canvas decides
+nothing. If all three edges stay away, the canvas lies either completely inside the triangle or
+completely outside.
+
+Cuts are computed in twice the precision of the positions, from the end point that is nearer to the
+canvas. Two triangles that share an edge cut it by the same operations, so that no gap opens between
+them. For corners up to 2^29 pixels away a cut is within a grid unit of the true line.
 
 **Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (CACM 17(1), 1974), for cutting by
 one side of the window after the other.
@@ -191,7 +194,7 @@ def _next(corners: Pair) -> Pair:
 
 
 def _entry(corners: Pair, k: int) -> Pair:
-    """One coordinate of corner k, from the coordinates `[3, triangles]` of all corners."""
+    """Select corner k: one coordinate `[triangles]`, from those of all corners `[3, triangles]`."""
     return corners[0][k], corners[1][k]
 
 

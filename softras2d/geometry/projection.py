@@ -1,7 +1,7 @@
 """Projection: the vertices of a scene become exact edge functions on the sample grid.
 
-A plan counts on the host, in numpy, what a render lists on the device. Both call `project`, so that
-the plan counts exactly the triangles that the render draws.
+A plan counts on the host, in numpy, what a render lists on the device. The plan and the render call
+the same function `project`, so that the plan counts exactly the triangles that the render draws.
 """
 
 import functools

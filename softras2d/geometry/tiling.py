@@ -13,7 +13,8 @@ _PIXELS = {1: (8, 32), 2: (8, 16), 3: (8, 10), 4: (8, 8), 8: (4, 4), 16: (2, 2)}
 class Tiling(NamedTuple):
     """Tiles of `height` x `width` pixels, in `rows` rows and `columns` columns.
 
-    Tiles are numbered row by row. The last row and column may reach beyond the canvas.
+    Tiles are numbered row by row from the upper left. The last row and the last column of tiles may
+    reach beyond the canvas. `grid` has the canvas and its samples.
     """
 
     grid: Grid

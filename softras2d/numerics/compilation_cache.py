@@ -43,8 +43,9 @@ def keep_compiled_programs() -> None:
 
 
 def cache_folder() -> Path:
-    """The cache folder of the user's system, with a subfolder for this type of processor.
+    """Path of the folder in which compiled programs are kept.
 
+    It lies in the cache folder of the user's system, and is for this type of processor only.
     `XDG_CACHE_HOME` is honoured on every system. Raises `RuntimeError` if there is no home folder.
     """
     chosen = os.environ.get("XDG_CACHE_HOME", "")
@@ -75,7 +76,10 @@ def _processor() -> str:
 
 
 def _trim(folder: Path) -> None:
-    """If the cache exceeds `_MAX_BYTES`, delete its oldest programs until half of that is left."""
+    """If the cache in `folder` exceeds `_MAX_BYTES`, delete its oldest programs.
+
+    Programs are deleted until the rest takes at most half of `_MAX_BYTES`.
+    """
     entries = [(entry.stat(), entry) for entry in os.scandir(folder) if entry.is_file()]
     size = sum(status.st_size for status, _ in entries)
     if size <= _MAX_BYTES:

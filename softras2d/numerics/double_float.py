@@ -1,8 +1,8 @@
 """Double-float arithmetic, in which a number is a pair of floats, for twice their precision.
 
-The value of a pair (high, low) is the exact sum of both, and `low` is at most half a unit in the
-last place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax arrays
-alike.
+The value of a pair (high, low) is the exact sum of its two floats, and `low` is at most half a unit
+in the last place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax
+arrays alike.
 
 Products split their factors and would overflow in the split, so everything that multiplies
 (`product_of`, `multiply`, `divide`, `cross`) takes numbers below 2^100 in size.
@@ -78,7 +78,10 @@ def divide(a: Pair, b: Pair) -> Pair:
 
 
 def cross(a: Point, b: Point) -> Pair:
-    """The cross product a_x b_y - a_y b_x; coordinates are below 2^100 in size."""
+    """The cross product a_x b_y - a_y b_x of two vectors, to double-float precision.
+
+    Coordinates are below 2^100 in size.
+    """
     return subtract(multiply(a[0], b[1]), multiply(a[1], b[0]))
 
 

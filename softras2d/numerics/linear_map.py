@@ -23,9 +23,14 @@ Map = Callable[[Any, Any], Any]
 def linear_map(forward: Map, backward: Map) -> Map:
     """Make a function that computes `forward(fixed, x)`, with a transpose written by hand.
 
-    `forward` is linear in the array `x`, and `backward(fixed, y)` is its transpose. Both are traced
-    as usual; neither may close over traced values. `fixed` is any tree of arrays. Derivatives with
-    respect to `fixed` are taken of `forward`, by autodiff.
+    - `forward`: a function of `fixed`, any tree of arrays, and of one array `x`, in which it is
+      linear. It returns one array.
+    - `backward`: the transpose: `backward(fixed, y)` maps an array laid out like the result of
+      `forward` to an array laid out like `x`.
+
+    The two functions are traced as usual, and may not close over traced values. Derivatives with
+    respect to `x` use `forward` and `backward`. Derivatives with respect to `fixed` are those of
+    `forward`, by autodiff.
     """
 
     def apply(fixed: Any, x: Any) -> Any:

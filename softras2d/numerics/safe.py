@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 
 def sqrt(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Square root on `x > 0`; zero, with zero gradient, elsewhere."""
+    """Square root where `x > 0`; zero, with zero gradient, elsewhere."""
     positive = x > 0
     # The argument is guarded too: in the vjp the derivative at 0 is inf, and 0 * inf is NaN.
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

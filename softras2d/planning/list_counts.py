@@ -125,9 +125,9 @@ def analytic_list_lengths(
 def _project(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> tuple[Corners, GridTriangles, Edges, SampleBounds]:
-    """Project a scene on the host, with far triangles cut to the guard band.
+    """Snap and orient the triangles of a scene on the host, and cut them to the guard band.
 
-    Returns its corners, directed edges, edge functions and sample bounds.
+    Returns their corners, directed edges, edge functions and sample bounds.
     """
     return project(scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True)[:4]
 

@@ -64,7 +64,7 @@ class Plan(eqx.Module):
 
     @property
     def cannot_be_outgrown(self) -> bool:
-        """Whether the plan is large enough for all positions of the triangles."""
+        """Whether no scene can outgrow the plan, wherever its triangles are."""
         return self.lists_all and (self.side > 0 or self.cuts_far_triangles)
 
     @property
@@ -105,7 +105,7 @@ class Plan(eqx.Module):
 
     @property
     def memory(self) -> int:
-        """Approximate bytes of the largest arrays that one render holds at the same time."""
+        """Approximate size, in bytes, of the largest arrays that a render holds at one time."""
         tiling, capacity = self.tiling, self.capacity
         coverage_words = capacity.chunks * capacity.slots_per_chunk * tiling.sample_rows * 4
         tile_channel = tiling.height * tiling.width * 4

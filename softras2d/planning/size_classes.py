@@ -113,7 +113,7 @@ def triangle_class(count: int) -> int:
 def listed_triangle_class(count: int) -> int:
     """Round a number of triangles up to a power of two, at least `_LEAST_POWER`.
 
-    This is the size class of scenes for which every tile lists every triangle.
+    This is the size class of scenes whose plan lists every triangle for every tile.
     """
     return max(_next_power(count), _LEAST_POWER)
 

@@ -111,7 +111,7 @@ class AnalyticMode(CoverageMode):
     def parameter(self, coverage: Any, dtype: Any) -> Array:
         """The number on which the coverage function depends besides the corners, as a scalar array.
 
-        For `Soft` it is the width of edges, in pixels; for `Area` it is 0, and unused.
+        For `Soft` it is the width of soft edges, in pixels. For `Area` it is 0, and is not used.
         """
 
     @abc.abstractmethod
@@ -232,7 +232,10 @@ class AnalyticMode(CoverageMode):
         return PixelLayers(*layer_arrays, scene, plan), covered.needs
 
     def _cover(self, scene: Scene, plan: Plan) -> _CoveredSlots:
-        """List the triangles of every tile, and evaluate their coverage at the tile's pixels."""
+        """List the triangles of every tile, and evaluate their coverage at the tile's pixels.
+
+        This is the first stage of `draw` and of `find_layers`.
+        """
         coverage, tiling = plan.coverage, plan.tiling
         corners = materialized(corners_of)(scene.positions, scene.triangles, plan.origin)
         functions = self.pixel_functions(coverage, tiling.width)
@@ -313,7 +316,7 @@ def _slot_corners(
 
 @functools.partial(materialized, static_argnames=("tiling", "dtype"))
 def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, "2 slots"]:
-    """Column and row of the first pixel of each slot's tile."""
+    """Column and row, on the canvas, of the first pixel of each slot's tile, as floats."""
     tile = jnp.broadcast_to(chunks.tile[:, None], chunks.triangle.shape).reshape(-1)
     return jnp.stack([index.astype(dtype) for index in tiling.first_sample(tile)])
 

@@ -22,9 +22,9 @@ class Price(NamedTuple):
     """Costs of one compiled render.
 
     - `seconds`: the median time of a render.
-    - `memory`: bytes of its arguments, image and temporaries.
-    - `operations`: number of arithmetic operations.
-    - `traffic`: bytes read and written by all of its kernels.
+    - `memory`: size, in bytes, of the arguments, the image and temporary arrays of a render.
+    - `operations`: number of floating-point operations of a render.
+    - `traffic`: number of bytes that a render reads and writes.
     """
 
     seconds: float

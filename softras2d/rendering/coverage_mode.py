@@ -2,9 +2,9 @@
 
 `modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
 in `options.py`, where it also joins the union `Coverage`, write its class in a file of this folder,
-and put both into `MODES`. A mode whose coverage is a smooth function of the corners derives from
-`analytic.AnalyticMode`. The class names in `effects` the rows of `effects.EFFECTS` that a plan may
-report for it.
+and add the option and the class to `MODES`. A mode whose coverage is a smooth function of the
+corners derives from `analytic.AnalyticMode`. The class names in `effects` the rows of
+`effects.EFFECTS` that a plan may report for it.
 """
 
 import abc
@@ -145,5 +145,6 @@ class CoverageMode(abc.ABC):
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
         """Draw a scene of at least one triangle over a premultiplied background.
 
-        Implementations are pure functions, for use under any JAX transformation.
+        Returns a premultiplied image with the channels of `background`. Implementations are pure
+        functions, for use under any JAX transformation.
         """

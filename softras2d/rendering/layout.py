@@ -58,8 +58,9 @@ def layout_for(
     """Choose a layout in which each list is long enough for every counted scene.
 
     - `counts`: the list lengths that each scene needs.
-    - `triangles`: largest number of triangles in a scene; no capacity exceeds what the size class
-      of this number can need.
+    - `triangles`: largest number of triangles in a scene. No capacity exceeds what a scene of this
+      number of triangles, rounded up to its size class, can need.
+    - `listing`: how the triangles are listed.
     - `slots_per_chunk`: number of slots in a chunk; by default the number of least cost.
     """
     tiling = listing.tiling

@@ -68,7 +68,7 @@ def nearest_layers(
 
 
 def count_covering(listed: ListedSamples, sample: Sample, tiling: Tiling) -> Int[Array, "*samples"]:
-    """Number of triangles in the list of each sample's tile that cover the sample."""
+    """Number of triangles that cover each sample, of those in the list of the sample's tile."""
     entries = _locate(listed.lists, sample, tiling)
 
     @materialized
@@ -89,8 +89,8 @@ def _read(
 ) -> tuple[Int[Array, "*samples"], Bool[Array, "*samples"]]:
     """Read one position, counted from 0, in the list of each sample's tile.
 
-    Returns the index of the entry, and whether its triangle covers the sample. This is false at
-    positions past the end of a list.
+    Returns the index of the entry at this position, and whether the entry's triangle covers the
+    sample, which is false if the position lies past the end of the list.
     """
     words = listed.words
     pair = jnp.clip(entries.start + position, 0, words.shape[0] - 1)

@@ -27,7 +27,10 @@ def mode_of(coverage: Any) -> CoverageMode:
 
 
 def pixel_layers_mode_of(coverage: Coverage) -> AnalyticMode:
-    """Return the mode of `Soft` or `Area`, which have pixel layers; `ValueError` for `Hard`."""
+    """Return the mode of `Soft` or `Area`, for which `pixel_layers` works.
+
+    Raises `ValueError` for `Hard`.
+    """
     mode = mode_of(coverage)
     if not isinstance(mode, AnalyticMode):
         raise ValueError(

@@ -178,7 +178,7 @@ _nan_if.defjvp(_nan_if_jvp, symbolic_zeros=True)
 
 
 def _nan_if_overflow(overflow: Array, x: Array) -> Array:
-    """Return `x`, or NaN on overflow: a linear map of `x` that is its own transpose."""
+    """Return `x`, or NaN if `overflow` is true: a linear map of `x` that is its own transpose."""
     return jnp.where(overflow, jnp.nan, x)
 
 

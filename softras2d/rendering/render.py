@@ -94,7 +94,11 @@ by one. Measured on two cores with 8 to 30 triangles at 28 to 128 pixels."""
 
 
 def _fills_cache(scene: Scene, plan: Plan) -> bool:
-    """Whether one scene fills the CPU's cache, so that a batch is faster drawn scene by scene."""
+    """Whether drawing one scene fills the CPU's cache.
+
+    A batch of such scenes is then drawn faster scene by scene. The result is false on other devices
+    than the CPU.
+    """
     return jax.default_backend() == "cpu" and _count_pixels(scene, plan) > _CACHED_PIXELS
 
 

@@ -125,7 +125,7 @@ def _mean_of_shaded(
 
 
 def _count_channels(visible: Visibility, values: Any) -> int:
-    """Number of channels of `values`, an array or a shading function as `resolve` takes them.
+    """Number of channels of the argument `values` of `resolve`, an array or a shading function.
 
     A function is traced with two samples. Raises `ValueError` if the array, or the function's
     result, has a wrong shape.

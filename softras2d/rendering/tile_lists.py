@@ -51,7 +51,7 @@ def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunk
 def _meets_tile(
     bounds: SampleBounds, chunks: Chunks, tiling: Tiling
 ) -> Bool[Array, "chunks slots"]:
-    """Whether each slot has a triangle, and the triangle's bounding box meets the chunk's tile."""
+    """Whether each slot has a triangle whose bounding box meets the tile of the slot's chunk."""
     box = bounds.gather(chunks.triangle)
     column, row = (first[:, None] for first in tiling.first_sample(chunks.tile))
     overlaps = (box.left < column + tiling.sample_columns) & (box.right >= column)

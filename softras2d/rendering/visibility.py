@@ -101,7 +101,7 @@ class Visibility(eqx.Module):
         return jnp.where(self.overflow, -1, count)
 
     def _checked(self, buffer: Array) -> Array:
-        """Return the buffer, or NaN if the scene outgrew the plan."""
+        """Return the buffer, or NaN with NaN derivatives if the scene outgrew the plan."""
         return nan_on_overflow(buffer, self.scene, self.overflow)
 
     def footprint(

@@ -78,7 +78,7 @@ class TiledPlan:
 
     @property
     def memory(self) -> int:
-        """Approximate size, in bytes, of the largest arrays of the largest program."""
+        """Approximate size, in bytes, of the arrays of the largest program (`Plan.memory`)."""
         return max(plan.memory for plan in self.plans.values())
 
     def plan_at(self, number: int) -> Plan:
@@ -236,7 +236,10 @@ def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode
 
 
 def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
-    """Put every triangle into the list of every window, for few triangles on a small canvas."""
+    """Put every triangle into the list of every window, for few triangles on a small canvas.
+
+    `triangles` is the number of triangles.
+    """
     triangle = np.tile(np.arange(triangles, dtype=np.int32), cut.count)
     return TriangleLists(triangle, np.arange(cut.count + 1) * triangles)
 
@@ -326,7 +329,7 @@ _NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), runs=0)
 
 
 def _compact(counts: Counts) -> Counts:
-    """Drop the empty tiles from list lengths, as a large canvas has millions of them."""
+    """Drop empty tiles, of which there may be millions, from `Counts.list_lengths`."""
     lengths = counts.list_lengths[counts.list_lengths > 0]
     return counts._replace(list_lengths=lengths if len(lengths) else np.zeros(1, np.int64))
 

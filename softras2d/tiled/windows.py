@@ -15,7 +15,7 @@ from ..scene import Scene
 class Window(NamedTuple):
     """A rectangle of a canvas: its first pixel (`x`, `y`) and its size, in pixels.
 
-    `number` is the index of the window, row by row from 0.
+    `number` is the index of the window in its canvas, counted row by row from 0.
     """
 
     number: int
@@ -39,7 +39,8 @@ class Window(NamedTuple):
 class Cut:
     """A canvas of `height` x `width` pixels, cut into windows of `tile` x `tile` pixels.
 
-    Windows of the last row and column may be smaller.
+    Windows are numbered row by row from the upper left. Windows of the last row and of the last
+    column may be smaller.
     """
 
     height: int
