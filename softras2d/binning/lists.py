@@ -164,7 +164,7 @@ def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks
 
 @functools.partial(materialized, static_argnames=("capacity",))
 def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
-    """Group tiles into blocks, and list the steps through all blocks.
+    """Group tiles into blocks of `BLOCK` tiles, and list the steps through all blocks (`Steps`).
 
     Tiles are grouped in descending order of the lengths of their lists, because a block takes as
     many steps as its longest list has entries. The arrays of the result hold `capacity` steps. If

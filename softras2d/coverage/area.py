@@ -105,16 +105,16 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def vjp(
         self, geometry: Outline, parameter: Parameter, cotangent: Float[Array, "slots pixels"]
     ) -> Coordinates:
-        """Sum the derivatives of each pixel's area, weighted by the cotangent, over the pixels.
+        """Sum the derivatives of the area by the corners, times the cotangent, over the pixels.
 
-        They follow from the length of each edge in the pixels.
+        The derivatives follow from the length of each edge in each pixel.
         """
         in_tile = passes_tile(geometry, self.tile_side)
         swept = sum_along_edges(_weighted_lengths, geometry, in_tile, cotangent)
         return _gradient_of_swept(geometry, swept)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Half the diagonal of a pixel, in pixels: farther away, a triangle covers none of it."""
+        """Half the diagonal of a pixel: a triangle farther from its centre covers none of it."""
         return jnp.asarray(REACH, jnp.float32)
 
 

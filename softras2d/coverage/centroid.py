@@ -113,7 +113,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """Sum the derivatives of the weights, times their cotangents, over the pixels.
+        """Sum the derivatives of the weights by the corners, times the cotangents, over the pixels.
 
         The two weights are first combined in each pixel to one affine function, weighted by the
         cotangents, as the derivatives are linear in its gradient.
@@ -321,10 +321,11 @@ def _terms_along(
     gx: PointValues,
     gy: PointValues,
 ) -> list[Array]:
-    """Compute two terms for `sum_along_edges`: the integrals of `_swept_weight` over the area.
+    """Compute two terms for `sum_along_edges`, for one edge of each slot's triangle.
 
-    The integrals are divided by the covered area of the pixel, of which `inverse_area` is the
-    inverse. `gx` and `gy` are the result of `_weighted_gradient`.
+    They are the two integrals of `_swept_weight` along the edge, divided by the covered area of the
+    pixel. `inverse_area` is one over this area. `gx` and `gy` are the result of
+    `_weighted_gradient`.
     """
     gradient = gx * inverse_area, gy * inverse_area
     return list(_swept_weight(edge, x, y, (centroid_x, centroid_y), gradient))

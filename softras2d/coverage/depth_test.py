@@ -111,10 +111,10 @@ def _gather_corners(
     tile: Int[Array, " block"],
     tiling: Tiling,
 ) -> tuple[Weights, Float[Array, "3 block"]]:
-    """Gather the barycentric weights, as functions, and the corner depths for a block of tiles.
+    """Gather the barycentric weights and the corner depths of one triangle per tile of a block.
 
-    `triangle` is the triangle that is visited in each `tile` of the block, and `area` the result of
-    `twice_area` for all triangles.
+    The weights are functions of the sample (`barycentric.Weights`). `triangle` is the triangle that
+    is visited in each `tile` of the block, and `area` the result of `twice_area` for all triangles.
     """
     weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
     return weights, depths.depth[:, triangle]

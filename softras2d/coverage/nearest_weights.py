@@ -102,10 +102,10 @@ class NearestWeights(PixelFunction[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "2 slots pixels"],
     ) -> Coordinates:
-        """Sum the derivatives of the weights, times their cotangents, over the pixels.
+        """Sum the derivatives of the weights by the corners, times the cotangents, over the pixels.
 
-        The sums follow from moments over the pixels of each of four cases: those whose nearest
-        point lies on edge 0, 1 or 2, and those inside the triangle.
+        The sums follow from moments (`sum_moments`) over the pixels of each of four cases: pixels
+        whose nearest point lies on edge 0, 1 or 2, and pixels inside the triangle.
         """
         case = _case(geometry, parameter, self.tile_side)
         second, third = _unmix_cotangent(geometry, cotangent)

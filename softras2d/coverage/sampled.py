@@ -34,8 +34,9 @@ roundings of a quotient below 64."""
 def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDeviceArray:
     """Find the least i in 0..31 with `value + i * step >= 0`; 32 or 33 if there is none.
 
-    Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`, whatever the
-    rounding of the float division.
+    `value` is an edge value at the first sample of a row, and `step` its change from sample to
+    sample. Requires `step >= 0`. Exact for `|value| <= 2^30 + 31 * 2^23` and `step < 2^24`,
+    whatever the rounding of the float division.
     """
     xp = value.__array_namespace__()
     f32 = xp.float32
@@ -79,8 +80,9 @@ def gather_words(
 def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
     """Row of samples, counted from the top of the tile, that each coverage word of a tile holds.
 
-    Words are stored sub-row by sub-row: first the uppermost row of samples of every row of pixels,
-    then the second of every row of pixels, and so on. `xp` is `numpy` or `jax.numpy`.
+    A coverage word has one bit for each sample of a row. Words are stored sub-row by sub-row: first
+    the uppermost row of samples of every row of pixels, then the second of every row of pixels, and
+    so on. `xp` is `numpy` or `jax.numpy`.
     """
     position = xp.arange(tiling.sample_rows, dtype=xp.int32)
     return (position % tiling.height) * tiling.grid.rate + position // tiling.height

@@ -87,7 +87,7 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         parameter: Parameter,
         cotangent: Float[Array, "slots pixels"],
     ) -> Coordinates:
-        """Sum the derivatives of coverage, times the cotangent, over the pixels.
+        """Sum the derivatives of coverage by the corners, times the cotangent, over the pixels.
 
         There are six cases: pixels whose nearest point is on edge 0, 1 or 2, and pixels whose
         nearest point is corner 0, 1 or 2. The derivatives in each case are the rate of growth times

@@ -19,7 +19,7 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry, add_signed
 
 
 class AreaMode(AnalyticMode):
-    """The mode that draws `Area` coverage."""
+    """The coverage mode of `Area`: exact areas, composited in draw order or added with signs."""
 
     effects = SCENE_EFFECTS | {"exact area"}
     missing: ClassVar[dict[str, str]] = {

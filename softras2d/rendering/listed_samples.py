@@ -46,7 +46,7 @@ def nearest_layers(
 ) -> Int[Array, "*samples layers"]:
     """Find the `layers` nearest triangles that cover each sample, nearest first.
 
-    Only triangles in `listed` are found, which holds the samples that each of them covers. Returns
+    `listed` has the triangles of each tile, and the samples that each of them covers. Returns
     triangle indices, with -1 where fewer triangles cover the sample.
     """
     entries = _locate(listed.lists, sample, tiling)

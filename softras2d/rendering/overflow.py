@@ -103,9 +103,9 @@ def raise_or_return_nan(
 def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
     """Raise an error if the scene outgrew its plan; return whether it did.
 
-    Raises `ValueError` at once if values are known. Under a trace the compiled program raises it
-    when it runs, if `plan.on_overflow` is `"raise"`; otherwise the caller must use the flag. For a
-    plan that cannot be outgrown, the flag is false.
+    Raises `ValueError` at once if values are known. Under a trace, the compiled program raises it
+    when it runs, if `plan.on_overflow` is `"raise"`. If it is `"nan"`, nothing is raised, and the
+    caller must use the result. For a plan that cannot be outgrown, the result is false.
     """
     if plan.cannot_be_outgrown:
         return jnp.zeros((), bool)

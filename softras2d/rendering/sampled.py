@@ -42,7 +42,7 @@ from .visible_samples import BinnedScene, VisibleSamples, bin_scene, find_visibl
 
 
 class SampledMode(CoverageMode):
-    """Sampled coverage, the mode of `Hard`: the exact supersampled image."""
+    """The coverage mode of `Hard`: sampled coverage, which gives the exact supersampled image."""
 
     effects = SCENE_EFFECTS | {"depth test", "pixel shading", GUARD_BAND}
     missing: ClassVar[dict[str, str]] = {}

@@ -23,7 +23,7 @@ from .analytic import AnalyticMode, PixelFunctions, SlotGeometry
 
 
 class SoftMode(AnalyticMode):
-    """The mode that draws `Soft` coverage."""
+    """The coverage mode of `Soft`: a smooth step of the signed distance to each triangle."""
 
     effects = SCENE_EFFECTS | {"depth test", "soft coverage"}
     missing: ClassVar[dict[str, str]] = {}
