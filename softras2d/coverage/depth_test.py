@@ -191,7 +191,8 @@ def depth_at(
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
     `sample` is the column and the row of a sample on the canvas, each an array laid out like
-    `triangle`. The depth of a triangle without area is the mean depth of its corners.
+    `triangle`. The depth of a triangle without area is the mean depth of its corners. With the fill
+    rule "top_left" it has no meaning, as such a triangle covers no sample.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]

@@ -67,7 +67,8 @@ def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
     """Twice the area of each triangle, accurate to within a few roundings.
 
     It is the sum of the three edge functions, in their unit, which is 2^-bits / rate square pixels
-    with the fields of `Grid`. It has no meaning for triangles past the guard band.
+    with the fields of `Grid`. It has no meaning for triangles past the guard band and, with the
+    fill rule "top_left", for triangles without area, which cover no sample: it is not 0 there.
     """
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
