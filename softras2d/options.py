@@ -56,7 +56,7 @@ class Hard(eqx.Module):
 
     def describe(self) -> str:
         """Describe the option in one line of text."""
-        return f"hard, {self.samples} samples a pixel, {self.fill_rule}, shaded by {self.shading}"
+        return f"hard, {self.samples} samples per pixel, {self.fill_rule}, shaded by {self.shading}"
 
 
 class Soft(eqx.Module):

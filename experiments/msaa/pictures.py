@@ -35,7 +35,7 @@ def sheet(path: Path, pictures: dict[str, dict[str, np.ndarray]], samples: int) 
             part = image[y : y + PART, x : x + PART].astype(np.float32)
             captions.append(method)
             images.append(part.repeat(ZOOM, 0).repeat(ZOOM, 1))
-        strips.append(Strip(name, f"{samples} samples a pixel", captions, images))
+        strips.append(Strip(name, f"{samples} samples per pixel", captions, images))
     path.parent.mkdir(parents=True, exist_ok=True)
     sr.write_image(path, contact_sheet(strips, across=1))
 

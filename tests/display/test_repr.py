@@ -205,7 +205,7 @@ def test_a_pyramid_is_one_line():
 def test_a_plan_is_two_lines_and_prints_in_full():
     plan = sr.plan(FLAT, height=20, width=30, coverage=sr.Hard(samples=4))
     assert repr(plan) == (
-        "Plan: 30 x 20 px, hard, 4 samples a pixel, inclusive, shaded by sample\n  no effects"
+        "Plan: 30 x 20 px, hard, 4 samples per pixel, inclusive, shaded by sample\n  no effects"
     )
     assert len(str(plan).splitlines()) > 4
     soft = sr.plan(RICH, height=20, width=30, coverage=sr.Soft(width=2.0))
