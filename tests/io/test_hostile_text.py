@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softras2d.io.budget import Budget
-from softras2d.io.svg.css import cascade, media_queries, style
+from softras2d.io.svg.css import cascade, media_queries, property_values, style
 from softras2d.io.svg.css.font_size import shorthand_size
 from softras2d.io.svg.elements import css_transform, view_box
 from softras2d.io.svg.values import css_color, numbers, path_data, transform_attribute, units
@@ -87,7 +87,7 @@ PARSERS = {
     "transform": transform_attribute.transform_list,
     "course transform": lambda text: transform_attribute.course_transform(text, lambda name: None),
     "color": css_color.color_of,
-    "paint": style._paint,
+    "paint": property_values._paint,
     "style": lambda text: declarations({"style": text}),
     "style sheet": style_sheet,
     "leading numbers": numbers.leading_numbers,
@@ -98,11 +98,11 @@ PARSERS = {
     "CSS rotate": lambda text: css_transform.rotate_property(text, UNITS),
     "media query": lambda text: media_queries.matches(text, 9, 9),
     "media feature": lambda text: media_queries.matches(f"(width < {text})", 9, 9),
-    "background": style._background,
+    "background": property_values.background_color,
     "origin": lambda text: transform_origin(text, (0.0, 0.0, 1.0, 1.0), VIEWPORT, 16.0),
     "font": lambda text: shorthand_size(text, 16.0, VIEWPORT),
-    "dashes": lambda text: style._dasharray(text, style.INITIAL, VIEWPORT, 16.0),
-    "url": style.reference_of,
+    "dashes": lambda text: property_values._dasharray(text, style.INITIAL, VIEWPORT, 16.0),
+    "url": property_values.reference_of,
     "view_box": lambda text: view_box.view_box({"viewBox": text}),
     "aspect": lambda text: view_box.fit(view_box.Box(0.0, 0.0, 1.0, 1.0), 1.0, 1.0, text),
     "width": lambda text: document_size({"width": text, "height": "1"}),

@@ -7,7 +7,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from softras2d.io.shapes.strokes import Outline, stroke, union
+from softras2d.io.shapes.outlines import Outline
+from softras2d.io.shapes.strokes import stroke, union
 
 ELBOW = np.array([[0.0, 0], [10, 0], [10, 10]])
 CHAIN = hnp.arrays(

@@ -5,54 +5,21 @@ shape in draw order is called its **draw**. Sorting triangles by draw restores t
 kinds.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Float32, Int
 
 from ...budget import Budget, BudgetError
 from ...shapes.ear_clipping import clip_ears, crosses_itself, fill_nonzero
+from ...shapes.outlines import Outline
 from ...shapes.pixel_lines import pixel_lines
 from ...shapes.polygons import fan, fan_inside, fill_regions, triangulate
-from ...shapes.strokes import Outline, stroke, union
+from ...shapes.strokes import stroke, union
 from ..values.css_color import Rgba
 from ..xml.document import SvgError
 from .paint import Paint
-
-
-class Triangles(NamedTuple):
-    """Triangles of a drawing, in draw order.
-
-    - `corners`: `[triangles, 3, 2]`, float32, in pixels.
-    - `colors`: `[triangles, 1 or 3, 4]`, float32, sRGB with straight alpha. All triangles have one
-      colour per corner if any of them needs it.
-    - `uv`: `[triangles, 3, 2]`, float32, texture coordinates of the corners, zero for a triangle
-      without texture. `[0, 3, 2]` if no triangle has a texture.
-    - `texture`: `[triangles]`, integer, index in `Assets.textures`; -1 for no texture.
-    - `draw`: `[triangles]`, integer, index in draw order of the shape that each belongs to.
-    """
-
-    corners: np.ndarray
-    colors: np.ndarray
-    uv: np.ndarray
-    texture: np.ndarray
-    draw: np.ndarray
-
-
-class _Batch(NamedTuple):
-    """Triangles of all shapes of one kind.
-
-    - `draw`: index in draw order of the shape that each triangle belongs to.
-    - `corners`: in pixels.
-    - `uv`: texture coordinates of the corners; None if none of these triangles has a texture.
-    - `colors`: sRGB with straight alpha at the corners; None to use the colours of each draw.
-    """
-
-    draw: Int[np.ndarray, " triangles"]
-    corners: Float32[np.ndarray, "triangles 3 2"]
-    uv: Float32[np.ndarray, "triangles 3 2"] | None = None
-    colors: Float32[np.ndarray, "triangles 3 4"] | None = None
+from .triangles import Batch, Triangles, in_draw_order
 
 
 class DisplayList:
@@ -195,7 +162,7 @@ class DisplayList:
         that its map sends to infinity, and for work beyond the budget.
         """
         batches = [
-            _Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
+            Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
             self._from_triangles(),
             self._from_polygons(),
             self._from_regions(),
@@ -205,26 +172,10 @@ class DisplayList:
             self._from_pixels(),
         ]
         batches = [batch for batch in batches if batch is not None]
-        draw = np.concatenate([batch.draw for batch in batches])
-        order = np.argsort(draw, kind="stable")
-        draw = draw[order]
-        uv, texture = np.zeros((0, 3, 2), np.float32), np.full(len(self), -1)
+        texture = np.full(len(self), -1)
         if self._textures:
             texture[list(self._textures)] = list(self._textures.values())
-            uvs = [np.zeros_like(b.corners) if b.uv is None else b.uv for b in batches]
-            uv = np.concatenate(uvs)[order]
-        corners = np.concatenate([batch.corners for batch in batches])[order]
-        colors = self._color_table()[draw]
-        if any(batch.colors is not None for batch in batches):
-            colors = np.array(np.broadcast_to(colors, (len(draw), 3, 4)))
-            rank = np.empty(len(order), np.int64)
-            rank[order] = np.arange(len(order))
-            end = 0
-            for batch in batches:
-                start, end = end, end + len(batch.draw)
-                if batch.colors is not None:
-                    colors[rank[start:end]] = batch.colors
-        return Triangles(corners, colors, uv, texture[draw], draw)
+        return in_draw_order(batches, self._color_table(), texture)
 
     def _color_table(self) -> np.ndarray:
         """Colours of all draws, `[draws, 1 or 3, 4]`, float32; one per corner if any draw needs it.
@@ -246,8 +197,8 @@ class DisplayList:
         """Whether the alpha of each of these draws is below 1. Each must have a single colour."""
         return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
-    def _batch(self, draw: np.ndarray, corners: np.ndarray) -> _Batch:
-        return _Batch(draw, self._float32(corners, draw))
+    def _batch(self, draw: np.ndarray, corners: np.ndarray) -> Batch:
+        return Batch(draw, self._float32(corners, draw))
 
     def _float32(
         self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
@@ -267,7 +218,7 @@ class DisplayList:
     def _error(self, draw: int, message: str) -> SvgError:
         return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
 
-    def _from_triangles(self) -> _Batch | None:
+    def _from_triangles(self) -> Batch | None:
         if not self._triangles:
             return None
         draw, corners, uvs = zip(*self._triangles, strict=True)
@@ -279,7 +230,7 @@ class DisplayList:
             uv=self._float32(np.concatenate(uvs), batch.draw, "a texture coordinate")
         )
 
-    def _from_polygons(self) -> _Batch | None:
+    def _from_polygons(self) -> Batch | None:
         if not self._polygons:
             return None
         draw, contours, evenodd = zip(*self._polygons, strict=True)
@@ -295,7 +246,7 @@ class DisplayList:
             raise self._error(int(draw[error.index]), f"the polygon {error}") from None
         return self._batch(draw[owner], corners)
 
-    def _from_regions(self) -> _Batch | None:
+    def _from_regions(self) -> Batch | None:
         if not self._regions:
             return None
         draw, regions, paints = zip(*self._regions, strict=True)
@@ -319,7 +270,7 @@ class DisplayList:
         uv = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
         return batch._replace(uv=self._float32(uv, batch.draw, "a texture coordinate"))
 
-    def _from_ears(self) -> _Batch | None:
+    def _from_ears(self) -> Batch | None:
         if not self._ears:
             return None
         draw, planes, contours = zip(*self._ears, strict=True)
@@ -339,7 +290,7 @@ class DisplayList:
             owners.append(np.full(len(corners[-1]), index))
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
 
-    def _from_strokes(self) -> _Batch | None:
+    def _from_strokes(self) -> Batch | None:
         if not self._strokes:
             return None
         draw, outlines, maps = zip(*self._strokes, strict=True)
@@ -394,7 +345,7 @@ class DisplayList:
         self._float32(mapped, draw[owner])
         return mapped
 
-    def _from_hairlines(self, height: int, width: int) -> _Batch | None:
+    def _from_hairlines(self, height: int, width: int) -> Batch | None:
         if not self._hairlines:
             return None
         draw, segments = zip(*self._hairlines, strict=True)
@@ -407,13 +358,13 @@ class DisplayList:
             raise self._error(int(draw[error.index]), f"the line {error}") from None
         return self._rectangles(draw[line], rectangles)
 
-    def _from_pixels(self) -> _Batch | None:
+    def _from_pixels(self) -> Batch | None:
         if not self._pixels:
             return None
         draw, rectangles = zip(*self._pixels, strict=True)
         return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
 
-    def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> _Batch:
+    def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> Batch:
         """Divide rectangles `[k, 4]` into two triangles each, or four if they are translucent.
 
         `draw` `[k]` is the draw of each rectangle. The docstring of `polygons.py` says why

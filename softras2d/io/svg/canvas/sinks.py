@@ -8,8 +8,9 @@ import shapely
 
 from ....geometry import affine_maps
 from ...budget import Budget
+from ...shapes.outlines import Outline
 from ...shapes.regions import EMPTY, filled, is_empty, polygons_of
-from ...shapes.strokes import Outline, stroke, union
+from ...shapes.strokes import stroke, union
 from ..values.css_color import Rgba
 from .display_list import DisplayList
 from .layers import Item, disjoint_cells

@@ -11,7 +11,8 @@ import shapely
 from ....geometry import affine_maps
 from ...shapes.paths import flatten
 from ...shapes.regions import EMPTY, filled, intersection, united
-from ..css.style import Style, reference_of
+from ..css.property_values import reference_of
+from ..css.style import Style
 from ..xml.notices import INVALID, NOT_DRAWN, WITHOUT_EFFECT
 from ..xml.tree import Element
 from .element_kinds import meets_conditions, report_animations

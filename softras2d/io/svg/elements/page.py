@@ -8,7 +8,8 @@ import numpy as np
 from ...budget import Budget
 from ..canvas.paint import Stop
 from ..css.cascade import Cascade, Declarations
-from ..css.style import INITIAL, Style, computed
+from ..css.computed_style import computed
+from ..css.style import INITIAL, Style
 from ..values.units import Viewport
 from ..xml.document import LIBRARY_ERRORS, SvgError, reason
 from ..xml.notices import WITHOUT_EFFECT, Notices

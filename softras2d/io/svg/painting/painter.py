@@ -12,17 +12,17 @@ import shapely
 
 from ....geometry import affine_maps
 from ...shapes.dashes import dashes
+from ...shapes.outlines import Outline
 from ...shapes.paths import FlatPath, Path, flatten
 from ...shapes.regions import filled, intersection, is_empty, polygons_of
-from ...shapes.strokes import Outline
 from ..canvas.layers import Item
 from ..canvas.paint import constant_paint
 from ..canvas.placement import Placement
 from ..canvas.sinks import stroked
-from ..css.style import CURRENT, PaintServer, Style
+from ..css.style import PaintServer, Style
 from ..elements.page import Page
 from ..elements.view_box import Box
-from ..values.css_color import Rgba
+from ..values.css_color import CURRENT, Rgba
 from ..values.numbers import finite
 from ..xml.notices import INVALID, WITHOUT_EFFECT
 from ..xml.tree import Element

@@ -19,8 +19,8 @@ from jaxtyping import Array, Float, Int
 
 from ....scene import Scene
 from ...shapes.paths import Arc, Path
-from ..canvas.display_list import Triangles
 from ..canvas.sinks import Canvas
+from ..canvas.triangles import Triangles
 from ..elements.page import elements
 from ..painting.painter import FillSource
 from ..xml.document import Document, SvgError

@@ -16,7 +16,8 @@ from ....scene import Scene
 from ....texture.pyramid import TexturePyramid
 from ...budget import Budget
 from ...shapes.paths import TOLERANCE
-from ..canvas.display_list import DisplayList, Triangles
+from ..canvas.display_list import DisplayList
+from ..canvas.triangles import Triangles
 from ..elements.context import Context
 from ..elements.page import Page
 from ..elements.view_box import MAX_SIDE

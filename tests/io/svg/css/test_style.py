@@ -8,7 +8,8 @@ import tinycss2.color4
 
 from softras2d.io.budget import Budget
 from softras2d.io.svg.css.cascade import Cascade
-from softras2d.io.svg.css.style import INITIAL, PaintServer, computed
+from softras2d.io.svg.css.computed_style import computed
+from softras2d.io.svg.css.style import INITIAL, PaintServer
 from softras2d.io.svg.values.css_color import CURRENT, color_of
 from softras2d.io.svg.values.units import Viewport
 from softras2d.io.svg.xml.notices import Notices

@@ -1,0 +1,192 @@
+"""Parses the values of CSS properties.
+
+`PARSERS` has one parser for each property.
+"""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from ..values.css_color import CURRENT, Rgba, color_of
+from ..values.numbers import finite, fraction
+from ..values.units import Viewport
+from .font_size import font_size_of
+from .style import INITIAL, Paint, PaintServer, Style
+
+_URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s*+")
+
+_WORD = re.compile(r"[^\s()]++(?:\([^()]*+\))?+")
+"""A word of a value, or a function without functions in it."""
+
+_VECTOR_EFFECTS = (
+    "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
+    "screen",
+)  # fmt: skip
+
+
+def _paint(text: str, *_: object) -> Paint:
+    """Parse the value of `fill` or `stroke`. Raises `ValueError` for text that is no paint."""
+    if match := _URL.match(text):
+        reference = match[1] or match[2] or match[3] or ""
+        fallback = text[match.end() :].strip()
+        return PaintServer(reference, _solid(fallback) if fallback else False)
+    return _solid(text)
+
+
+def _solid(text: str) -> Rgba | str | None:
+    """Parse a paint without a reference: a colour, `CURRENT`, or None for `none`.
+
+    Raises `ValueError` for any other text.
+    """
+    if text.lower() == "none":
+        return None
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no paint")
+    return color
+
+
+def _color(text: str, parent: Style, *_: object) -> Any:
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no colour")
+    return parent.color if color == CURRENT else color
+
+
+def background_color(text: str) -> Any:
+    """The colour in a `background` shorthand; transparent if it names no colour."""
+    for word in _WORD.findall(text):
+        if (color := color_of(word)) is not None:
+            return color
+    return INITIAL.background_color
+
+
+def _color_or_current(text: str, *_: object) -> Any:
+    color = color_of(text)
+    if color is None:
+        raise ValueError("is no colour")
+    return color
+
+
+def _opacity(text: str, *_: object) -> float:
+    return fraction(text)
+
+
+def _one_of(*words: str) -> Callable[..., str]:
+    def parse(text: str, *_: object) -> str:
+        if text.lower() not in words:
+            raise ValueError(f"is none of {', '.join(words)}")
+        return text.lower()
+
+    return parse
+
+
+def _words_of(*known: str) -> Callable[..., str]:
+    def parse(text: str, *_: object) -> str:
+        words = text.lower().split()
+        if not words or not set(words) <= set(known):
+            raise ValueError(f"has words other than {', '.join(known)}")
+        return " ".join(words)
+
+    return parse
+
+
+_display = _words_of(
+    "none", "contents", "block", "inline", "flow", "flow-root", "table", "flex", "grid", "ruby",
+    "run-in", "list-item", "inline-block", "inline-table", "inline-flex", "inline-grid", "math",
+    "table-row-group", "table-header-group", "table-footer-group", "table-row", "table-cell",
+    "table-column-group", "table-column", "table-caption", "compact", "marker",
+)  # fmt: skip
+
+
+def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    width = viewport.length(text, viewport.diagonal, font_size)
+    if width < 0:
+        raise ValueError("must not be negative")
+    return width
+
+
+def _miterlimit(text: str, *_: object) -> float:
+    try:
+        limit = finite(text)
+    except ValueError:
+        raise ValueError("is not a finite number") from None
+    if limit < 1:
+        raise ValueError("must be at least 1")
+    return limit
+
+
+def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tuple[float, ...]:
+    if text.lower() == "none":
+        return ()
+    words = text.replace(",", " ").split()
+    lengths = tuple(viewport.length(word, viewport.diagonal, font_size) for word in words)
+    if any(value < 0 for value in lengths):
+        raise ValueError("must not be negative")
+    # An odd list is repeated once. A list of zeros is a solid line.
+    return lengths * (1 + len(lengths) % 2) if sum(lengths) > 0 else ()
+
+
+def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    return viewport.length(text, viewport.diagonal, font_size)
+
+
+def _paint_order(text: str, *_: object) -> tuple[str, ...]:
+    words = text.lower().split()
+    if words == ["normal"]:
+        words = []
+    known = ("fill", "stroke", "markers")
+    if len(set(words)) < len(words) or not set(words) <= set(known):
+        raise ValueError("is no order of fill, stroke and markers")
+    order = words + [word for word in known if word not in words]
+    return tuple(word for word in order if word != "markers")
+
+
+def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
+    return font_size_of(text, parent.font_size, viewport)
+
+
+def _clip_path(text: str, *_: object) -> str | None:
+    if text.lower() == "none":
+        return None
+    return text
+
+
+def reference_of(text: str) -> str | None:
+    """The reference in a text that begins with `url(...)`, such as `#id`; None for other text."""
+    match = _URL.match(text)
+    return (match[1] or match[2] or match[3] or "") if match else None
+
+
+def _any_text(text: str, *_: object) -> str:
+    return text
+
+
+PARSERS: dict[str, Callable[..., Any]] = {
+    "fill": _paint,
+    "stroke": _paint,
+    "color": _color,
+    "fill_opacity": _opacity,
+    "stroke_opacity": _opacity,
+    "fill_rule": _one_of("nonzero", "evenodd"),
+    "clip_rule": _one_of("nonzero", "evenodd"),
+    "stroke_width": _stroke_width,
+    "stroke_linecap": _one_of("butt", "square", "round"),
+    "stroke_linejoin": _one_of("miter", "bevel", "round", "miter-clip", "arcs"),
+    "stroke_miterlimit": _miterlimit,
+    "stroke_dasharray": _dasharray,
+    "stroke_dashoffset": _dashoffset,
+    "paint_order": _paint_order,
+    "visibility": _one_of("visible", "hidden", "collapse"),
+    "font_size": _font_size,
+    "opacity": _opacity,
+    "display": _display,
+    "overflow": _words_of("visible", "hidden", "scroll", "auto", "clip"),
+    "vector_effect": _words_of(*_VECTOR_EFFECTS),
+    "clip_path": _clip_path,
+    "transform_origin": _any_text,
+    "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),
+    "stop_color": _color_or_current,
+    "stop_opacity": _opacity,
+    "background_color": _color_or_current,
+}

@@ -1,0 +1,154 @@
+"""Bounds the time that it takes to test whether a CSS selector matches an element.
+
+cssselect2 tests a selector from right to left, and tries all ways to assign elements to the
+compounds of the selector. A short selector can therefore cause any amount of work. `cascade.py`
+charges the bounds that are computed here to the budget before cssselect2 tests a selector.
+"""
+
+from typing import Any, NamedTuple
+
+_PSEUDO_CLASSES = frozenset(
+    [
+        "root",
+        "empty",
+        "first-child",
+        "last-child",
+        "only-child",
+        "link",
+        "visited",
+        "hover",
+        "active",
+        "focus",
+        "target",
+        "focus-within",
+        "focus-visible",
+        "any-link",
+        "enabled",
+        "disabled",
+        "checked",
+    ]
+)
+"""Pseudo-classes that are tested in constant time."""
+
+_COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
+"""Pseudo-classes that look at all siblings."""
+
+_FUNCTIONS = {
+    "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
+    "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
+}  # fmt: skip
+"""Functional pseudo-classes, and whether they look at all siblings.
+
+`has` is not supported, as it looks at all descendants.
+"""
+
+
+class Cost(NamedTuple):
+    """Properties of a selector that bound the time of testing it.
+
+    A selector consists of compounds, such as `rect.a`, with combinators between them.
+
+    - `descendants`: number of descendant combinators, which leave a choice of ancestors.
+    - `later_sibling_combinators`: number of combinators `~`, which leave a choice of siblings.
+    - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
+    - `others_look_at_siblings`: whether a pseudo-class of another compound does.
+    """
+
+    descendants: int
+    later_sibling_combinators: int
+    last_looks_at_siblings: bool
+    others_look_at_siblings: bool
+
+
+def max_tests(cost: Cost, depth: int, siblings: int) -> int:
+    """Upper bound on the number of tests of compounds that one test of a selector causes.
+
+    - `depth`: number of ancestors of the element.
+    - `siblings`: number of siblings of the element and of all its ancestors together.
+    """
+    tests = _choices(depth, cost.descendants) * _choices(siblings, cost.later_sibling_combinators)
+    if cost.others_look_at_siblings:
+        tests *= siblings
+    return tests + siblings * cost.last_looks_at_siblings
+
+
+def _choices(among: int, count: int) -> int:
+    """Number of ways to choose at most `count` of `among` elements, in a fixed order.
+
+    This bounds the tests that a chain of combinators causes, since every prefix of a choice is
+    tested. The sum stops above 2^40, which exceeds every limit.
+    """
+    choices = total = 1
+    for k in range(min(count, among)):
+        choices = choices * (among - k) // (k + 1)
+        total += choices
+        if total > 2**40:
+            break
+    return total
+
+
+def selector_costs(prelude: list[Any]) -> list[Cost] | None:
+    """The cost of each selector in a list, given the list's tokens.
+
+    Returns None if a selector uses a pseudo-class that is not supported, or nests functions.
+    """
+    costs, selector = [], []
+    for token in [*prelude, None]:
+        if token is not None and not (token.type == "literal" and token.value == ","):
+            selector.append(token)
+            continue
+        cost = _selector_cost(selector)
+        if cost is None:
+            return None
+        costs.append(cost)
+        selector = []
+    return costs
+
+
+def _selector_cost(tokens: list[Any]) -> Cost | None:
+    while tokens and tokens[-1].type == "whitespace":
+        tokens = tokens[:-1]
+    descendants, later_sibling_combinators = _combinators(tokens)
+    last_looks_at_siblings = others_look_at_siblings = False
+    previous = None
+    for token in tokens:
+        if token.type == "whitespace" or (token.type == "literal" and token.value in ">+~"):
+            others_look_at_siblings |= last_looks_at_siblings
+            last_looks_at_siblings = False
+        elif token.type == "ident" and previous == ":":
+            if token.lower_value in _COSTLY_PSEUDO_CLASSES:
+                last_looks_at_siblings = True
+            elif token.lower_value not in _PSEUDO_CLASSES:
+                return None
+        elif token.type == "function":
+            if token.lower_name not in _FUNCTIONS:
+                return None
+            last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
+            if any(argument.type == "function" for argument in token.arguments):
+                return None
+            more_descendants, more_later_sibling_combinators = _combinators(token.arguments)
+            descendants, later_sibling_combinators = (
+                descendants + more_descendants,
+                later_sibling_combinators + more_later_sibling_combinators,
+            )
+        previous = token.value if token.type == "literal" else None
+    return Cost(
+        descendants, later_sibling_combinators, last_looks_at_siblings, others_look_at_siblings
+    )
+
+
+def _combinators(tokens: list[Any]) -> tuple[int, int]:
+    """Number of descendant combinators, which are blanks between compounds, and number of `~`."""
+    descendants = later_sibling_combinators = 0
+    is_separated, is_after_compound = False, False
+    for token in tokens:
+        if token.type == "comment":
+            continue
+        if token.type == "whitespace":
+            is_separated = True
+            continue
+        is_combinator = token.type == "literal" and token.value in (">", "+", "~", ",")
+        later_sibling_combinators += is_combinator and token.value == "~"
+        descendants += is_separated and is_after_compound and not is_combinator
+        is_separated, is_after_compound = False, not is_combinator
+    return descendants, later_sibling_combinators
