@@ -1,1 +1,1 @@
-"""This stage finds the declarations of each element, and computes its style from them."""
+"""This stage collects the declarations that apply to an element, and computes its style."""

@@ -1,7 +1,9 @@
-"""Finds the declarations of every element, from attributes, style sheets and `style`, by rank.
+"""Collects the declarations that apply to an element, and sorts them by rank.
 
-tinycss2 parses style sheets, and cssselect2 matches selectors. This module sorts declarations by
-importance, and bounds the work.
+A declaration gives a value to a property. It stands in an attribute of the element, in a style
+sheet, or in the attribute `style`. Its rank is its position in the order of the CSS cascade: of two
+declarations of one property, the one of higher rank takes effect. tinycss2 parses style sheets, and
+cssselect2 matches selectors. This module ranks the declarations, and limits the work.
 
 **Source:** *CSS Cascading and Inheritance 4*, "Cascading"; SVG 2, section 6.6 (presentation
 attributes precede all style sheets, with specificity 0).
@@ -20,21 +22,24 @@ from . import media_queries
 from .selector_costs import Cost, max_tests, selector_costs
 
 _MAX_NESTING = 32
-"""Maximum depth of nested brackets in CSS, since tinycss2 recurses for each."""
+"""Maximum depth of nested brackets in CSS, since tinycss2 recurses for each bracket."""
 
 _MAX_SELECTORS = 20_000
-"""Maximum number of selectors in a document, since each is compiled to Python code."""
+"""Maximum number of selectors in a document, since cssselect2 compiles each to Python code."""
 
 
 class Declarations(NamedTuple):
-    """The declarations of one element: texts of values, by property name.
+    """The declarations that apply to one element, as texts of values by property name.
 
-    - `css`: values from style sheets and the attribute `style`. Of several, it is the one of
-      highest rank.
-    - `attributes`: all attributes of the element. Those that are presentation attributes have an
-      effect where `css` has no valid value.
-    - `outranked`: the other values from CSS, lowest rank first. If the value in `css` is invalid,
-      one of these counts.
+    Of two values of one property, the one of higher rank in the CSS cascade takes effect.
+
+    - `css`: for each property, the value of highest rank from style sheets and the attribute
+      `style`.
+    - `attributes`: all attributes of the element. A presentation attribute, such as `fill`, takes
+      effect only if neither `css` nor `outranked` has a valid value of the property.
+    - `outranked`: for each property, the values from style sheets and `style` whose rank is below
+      that of the value in `css`, lowest rank first. If the value in `css` is invalid, the last
+      valid value of this list takes effect.
     """
 
     css: dict[str, str]
@@ -42,21 +47,31 @@ class Declarations(NamedTuple):
     outranked: dict[str, list[str]]
 
     def css_values(self, name: str) -> list[str]:
-        """All values of a property from CSS, highest rank first; empty if there is none."""
+        """All values of a property from style sheets and `style`, highest rank first.
+
+        The list is empty if there are none.
+        """
         if name not in self.css:
             return []
         return [self.css[name], *reversed(self.outranked.get(name, ()))]
 
 
 _Block = dict[str, list[str]]
-"""Values of each property in a block of declarations, lowest rank first."""
+"""The values in a block of declarations, such as the body of a rule: a list for each property.
+
+A list has the value of lowest rank first.
+"""
 
 _MAX_OUTRANKED = 16
-"""Maximum number of values of one property that are kept in case higher ones are invalid."""
+"""Maximum number of values of one property that are stored in `Declarations.outranked`."""
 
 
 class _Rule(NamedTuple):
-    """Declarations of a rule, with and without `!important`, and the cost of one selector."""
+    """A style rule for one of its selectors.
+
+    - `important`, `normal`: the declarations of the rule with and without `!important`.
+    - `cost`: bounds the time of testing the selector.
+    """
 
     important: _Block
     normal: _Block
@@ -64,10 +79,10 @@ class _Rule(NamedTuple):
 
 
 class Cascade:
-    """The style sheets of a document.
+    """The style sheets of a document, from which the declarations of each element are computed.
 
-    - `notices`: receives what is invalid or not supported.
-    - `budget`: charged for tests of selectors.
+    - `notices`: receives a notice about what is invalid or not supported.
+    - `budget`: charged before a selector is tested on an element.
     - `height`, `width`: size of the canvas in pixels, for media queries.
     """
 
@@ -80,10 +95,10 @@ class Cascade:
         self._noted: set[tuple[int, str, str]] = set()
 
     def add_sheet(self, element: Element) -> None:
-        """Add the rules of a `<style>` element, unless it is of another type or medium.
+        """Add the rules of a `<style>` element, if it is CSS and its media queries match.
 
-        What is invalid or not supported is noted. Raises `ValueError` for more than
-        `_MAX_SELECTORS` selectors in all style sheets.
+        Rules that are invalid or not supported are noted and left out. Raises `ValueError` for more
+        than `_MAX_SELECTORS` selectors in all style sheets of the document.
         """
         kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
         if kind != "text/css":
@@ -104,6 +119,10 @@ class Cascade:
         self._add_rules(rules, element)
 
     def _add_rules(self, rules: list[Any], element: Element) -> None:
+        """Add rules that tinycss2 has parsed, including those in `@media` blocks that match.
+
+        `element` is the `<style>` element, which notices name.
+        """
         for rule in rules:
             if rule.type == "qualified-rule":
                 self._add_rule(rule, element)
@@ -122,9 +141,10 @@ class Cascade:
                 self._notices.add(INVALID, element.tag, element.line, "rule", str(rule.message))
 
     def _matches(self, media: str, element: Element, attribute: str) -> bool:
-        """Whether a list of media queries matches the canvas.
+        """Whether the list of media queries in `media` matches the canvas.
 
-        A list whose value is unknown does not match, and is noted as a fault of `attribute`.
+        If that cannot be decided, the result is False, and the list is noted as a fault in
+        `attribute` of `element`.
         """
         is_match = media_queries.matches(media, self._height, self._width)
         if is_match is None:
@@ -132,6 +152,11 @@ class Cascade:
         return bool(is_match)
 
     def _add_rule(self, rule: Any, element: Element) -> None:
+        """Add a style rule that tinycss2 has parsed, once for each of its selectors.
+
+        A rule with a selector that is invalid or not supported is noted and left out. `element` is
+        the `<style>` element, which notices name. Raises `ValueError` for too many selectors.
+        """
         important, normal = self._parsed(rule.content, element, "rule")
         selector_text = tinycss2.serialize(rule.prelude).strip()
         costs = selector_costs(rule.prelude)
@@ -151,10 +176,10 @@ class Cascade:
                 self._matcher.add_selector(selector, _Rule(important, normal, cost))
 
     def declarations(self, element: Element) -> Declarations:
-        """The declarations of an element, by rank.
+        """The declarations that apply to an element.
 
-        A `style` attribute that is invalid is noted. Raises `BudgetError` if testing selectors
-        exceeds the budget.
+        Errors in its attribute `style` are noted. Raises `BudgetError` if testing selectors exceeds
+        the budget.
         """
         text = element.attrib.get("style")
         if not self._selectors:
@@ -169,6 +194,7 @@ class Cascade:
         return _ranked(blocks, element)
 
     def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
+        """Parse the attribute `style`; returns its important and its normal declarations."""
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form is split here, which takes a tenth of the parser's time.
             pairs = [part.partition(":") for part in text.split(";") if part.strip()]
@@ -181,10 +207,12 @@ class Cascade:
         return self._parsed(text, element, "style")
 
     def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
-        """Parse the declarations of a block, which are tokens, or of a `style` attribute, a text.
+        """Parse a block of declarations; returns the important declarations and the normal ones.
 
-        Returns the important declarations and the normal ones. What is invalid is noted as a fault
-        of `attribute`.
+        - `content`: the tokens in the body of a rule, or the text of an attribute `style`.
+        - `attribute`: name that notices give to the block, `"rule"` or `"style"`.
+
+        What is invalid or not supported is noted as a fault of `element`, and left out.
         """
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
@@ -210,7 +238,11 @@ class Cascade:
         return important, normal
 
     def _note(self, kind: str, element: Element, attribute: str, detail: str) -> None:
-        """Note a fault of an element once, although `style` is parsed for each of its copies."""
+        """Add a notice about an attribute of an element, unless it was added before.
+
+        The attribute `style` is parsed each time that an element is drawn, and a `use` may draw it
+        often.
+        """
         key = (id(element), attribute, detail)
         if key not in self._noted:
             self._noted.add(key)
@@ -218,13 +250,17 @@ class Cascade:
 
 
 def _append(block: _Block, name: str, values: list[str]) -> None:
+    """Append `values` to the values of the property `name`, and move it to the end of the block.
+
+    At most `_MAX_OUTRANKED + 1` values are stored, those of highest rank.
+    """
     # The name moves to the end of the block, since a shorthand such as `font` and its longhands
     # override each other in this order.
     block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
 
 
 def _ranked(blocks: list[_Block], element: Element) -> Declarations:
-    """Merge blocks, lowest rank first, into the declarations of an element."""
+    """Merge blocks of declarations, given from the lowest rank to the highest, for an element."""
     merged: _Block = {}
     for block in blocks:
         for name, values in block.items():
@@ -235,16 +271,20 @@ def _ranked(blocks: list[_Block], element: Element) -> Declarations:
 
 
 class _ChargedMatcher(cssselect2.Matcher):
-    """A matcher that charges `selector_tests` to a budget before it tests selectors."""
+    """A matcher of selectors that charges the budget before it tests selectors on an element.
+
+    The budget counts these tests as `selector_tests`.
+    """
 
     def __init__(self, budget: Budget):
         super().__init__()
         self._budget = budget
 
     def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
-        """Append to `relevant` the selectors that match an element; called by `match`.
+        """Append to `relevant` those of `selectors` that match an element.
 
-        Raises `BudgetError` if the tests exceed the budget.
+        `cssselect2.Matcher.match` calls this method. Raises `BudgetError` if the tests exceed the
+        budget.
         """
         if not selectors:
             return

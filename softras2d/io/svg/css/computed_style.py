@@ -40,22 +40,25 @@ _UNSUPPORTED_IN_CSS = {
 }
 
 _CSS_ONLY = ("background", "background-color")
-"""Properties that are no presentation attributes."""
+"""Supported properties that are not presentation attributes: only CSS can set them."""
 
 _WITH_UNITS = ("font-size", "transform-origin")
 """Properties whose lengths need a unit in CSS, unlike lengths of strokes (SVG 2, section 13.5)."""
 
 Note = Callable[[str, str, str], None]
-"""Function that notes a fault: the kind of notice, the name of the property, what is wrong."""
+"""Function that is called about a fault in a declaration.
+
+Its arguments are the kind of notice (`notices.py`), the name of the property, and what is wrong.
+"""
 
 
 def computed(declared: Declarations, parent: Style, viewport: Viewport, note: Note) -> Style:
     """Compute the style of an element from its declarations and the style of its parent.
 
     - `viewport`: sizes to which lengths and percentages are relative.
-    - `note`: called for each invalid declaration, and each property that is not supported.
+    - `note`: called for each invalid declaration, and for each property that is not supported.
 
-    An invalid declaration has no effect, as CSS says: the one of the next lower rank counts.
+    An invalid declaration has no effect: the declaration of the next lower rank is used instead.
     """
     # Computed first, since other lengths may depend on it. Invalid declarations of it are noted
     # below.
@@ -91,13 +94,20 @@ _FIELDS = {name.replace("_", "-"): name for name in Style._fields} | {
 
 
 def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
-    """Whether a declaration changes the image in browsers, but has no effect here."""
+    """Whether a declaration changes the image in browsers, but has no effect in this reader.
+
+    `is_css` tells a property in CSS from an attribute, since some properties are no attributes.
+    """
     harmless = UNSUPPORTED.get(name) or (_UNSUPPORTED_IN_CSS.get(name) if is_css else None)
     return harmless is not None and value.strip() not in harmless
 
 
 class _Declaration(NamedTuple):
-    """One declaration: a property, its text, and whether it is from CSS, not from an attribute."""
+    """One declaration of a property: the name of the property, and the text of its value.
+
+    `is_css` is True for a style sheet or the attribute `style`, and False for an attribute that is
+    named after the property.
+    """
 
     name: str
     text: str
@@ -105,7 +115,7 @@ class _Declaration(NamedTuple):
 
 
 def _by_rank(declared: Declarations, name: str) -> list[_Declaration]:
-    """The declarations of a property, highest rank first."""
+    """The declarations of a property, highest rank first. A presentation attribute comes last."""
     declarations = [_Declaration(name, text, True) for text in declared.css_values(name)]
     if name in declared.attributes and name not in _CSS_ONLY:
         declarations.append(_Declaration(name, declared.attributes[name], False))
@@ -118,7 +128,8 @@ def _value(
     """Parse a declaration to the value of the field `field` of `Style`.
 
     - `parent`: style of the parent, for `inherit` and relative values.
-    - `font_size`: of the element, in user units, for `em`.
+    - `viewport`: sizes to which lengths and percentages are relative.
+    - `font_size`: font size of the element in user units, to which `em` is relative.
 
     Raises `ValueError` for text that is no value of the property.
     """
@@ -141,8 +152,8 @@ def _value(
 def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
     """The font size of an element, in user units.
 
-    In CSS, whichever of `font-size` and `font` takes effect later counts. Invalid values have no
-    effect, and are not noted here.
+    The properties `font-size` and `font` both set it, and the one that takes effect later counts.
+    Invalid values have no effect. They are not noted here, since `computed` notes them.
     """
     size = parent.font_size
     # The properties in `css` are in the order in which they take effect.
@@ -160,5 +171,6 @@ def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewpor
 
 
 def _note_invalid_font(text: str, parent: Style, viewport: Viewport, note: Note) -> None:
+    """Call `note` for a value of the shorthand `font` without a valid font size."""
     if shorthand_size(text, parent.font_size, viewport) is None:
         note(INVALID, "font", f"has no size with a unit ({text.strip()[:40]!r})")

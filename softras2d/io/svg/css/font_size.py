@@ -30,7 +30,7 @@ def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
 
     - `text`: a keyword, length or percentage, without blanks around it.
     - `parent_size`: font size of the parent in user units, for `em`, `%`, `larger` and `smaller`.
-    - `viewport`: for units such as `vw` and `rem`.
+    - `viewport`: sizes to which units such as `vw` and `rem` are relative.
 
     Raises `ValueError` for any other text, and for a negative size.
     """
@@ -47,9 +47,9 @@ def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
 def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float | None:
     """The font size, in user units, that a value of the shorthand `font` gives.
 
-    `parent_size` and `viewport` are as for `font_size_of`. The size is the first word that is a
-    font size. Numbers other than 0 are skipped: they are weights, since sizes have units in CSS.
-    Returns None if there is no such word, which makes the value invalid.
+    `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`
+    that is a font size. Numbers other than 0 are skipped: they are weights, since sizes have units
+    in CSS. Returns None if there is no such word, which makes the value invalid.
     """
     keyword = text.strip().lower()
     if keyword in _FONTS_WITHOUT_SIZE:

@@ -50,7 +50,8 @@ def matches(text: str, height: int, width: int) -> bool | None:
     - `text`: list of media queries, separated by commas; an empty list matches.
     - `height`, `width`: size of the canvas in pixels, which count as CSS px.
 
-    Returns None if that is unknown, or if brackets are nested too deeply.
+    Returns None if the value is unknown, because a query has a feature or value that this module
+    does not know, or because brackets are nested too deeply.
     """
     if nesting(text) > _MAX_NESTING:
         return None
@@ -71,9 +72,10 @@ def matches(text: str, height: int, width: int) -> bool | None:
 
 
 def _query(tokens: list[Any], height: int, width: int) -> bool | None:
-    """The value of one query, given its tokens: a medium with conditions, or conditions alone.
+    """The value of one media query, given its tokens: True, False, or None for unknown.
 
-    A query with an error is False.
+    A query is a medium, a medium with conditions, or conditions alone. A query with an error is
+    False. `height` and `width` are the size of the canvas in pixels.
     """
     words = [token.value if token.type == "ident" else "" for token in tokens]
     is_negated = words[:1] == ["not"] and len(words) > 1 and words[1] != ""
@@ -95,9 +97,10 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
 
 
 def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
-    """The value of features joined by `and` or by `or`, or of one negated by `not`.
+    """The value of the conditions of a media query, given their tokens.
 
-    Tokens that have no such form are False.
+    Conditions are features joined by `and` or by `or`, or a feature negated by `not`. Tokens that
+    have no such form give False. `height` and `width` are the size of the canvas in pixels.
     """
     if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
         return _not(_feature(tokens[1], height, width))
@@ -109,7 +112,11 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
 
 
 def _feature(token: Any, height: int, width: int) -> bool | None:
-    """The value of one feature, or of a condition, in parentheses; None for any other token."""
+    """The value of one media feature, such as `(width > 300px)`, or of conditions in parentheses.
+
+    Returns None for a feature or value that is not known, and for any other token. `height` and
+    `width` are the size of the canvas in pixels.
+    """
     if token.type != "() block":
         return None
     content = [t for t in token.content if t.type not in ("whitespace", "comment")]
@@ -143,7 +150,8 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
 def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) -> bool | None:
     """Compare a size of the canvas with the length or ratio in `text`.
 
-    - `sizes`: sizes of the canvas by feature name.
+    - `sizes`: height and width of the canvas in pixels, and their ratio, by the name of the
+      feature.
     - `name`: name of the feature, without `min-` and `max-`.
     - `comparison`: key of `_COMPARISONS`, whose left operand is the size of the canvas.
 
@@ -164,6 +172,7 @@ def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) ->
 
 
 def _not(value: bool | None) -> bool | None:
+    """Negation in three-valued logic, where None means unknown."""
     return None if value is None else not value
 
 

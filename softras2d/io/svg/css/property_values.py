@@ -14,9 +14,10 @@ from .font_size import font_size_of
 from .style import INITIAL, Paint, PaintServer, Style
 
 _URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s*+")
+"""Matches `url(...)` and the blanks after it. One of its three groups is the reference."""
 
 _WORD = re.compile(r"[^\s()]++(?:\([^()]*+\))?+")
-"""A word of a value, or a function without functions in it."""
+"""Matches a word of a value, or a function whose arguments contain no function."""
 
 _VECTOR_EFFECTS = (
     "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
@@ -34,9 +35,10 @@ def _paint(text: str, *_: object) -> Paint:
 
 
 def _solid(text: str) -> Rgba | str | None:
-    """Parse a paint without a reference: a colour, `CURRENT`, or None for `none`.
+    """Parse a paint that is no reference.
 
-    Raises `ValueError` for any other text.
+    Returns a colour, `CURRENT` for `currentColor`, or None for `none`. Raises `ValueError` for any
+    other text.
     """
     if text.lower() == "none":
         return None
@@ -47,6 +49,7 @@ def _solid(text: str) -> Rgba | str | None:
 
 
 def _color(text: str, parent: Style, *_: object) -> Any:
+    """Parse the property `color`, for which `currentColor` is the colour of the parent."""
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -54,7 +57,10 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 
 
 def background_color(text: str) -> Any:
-    """The colour in a `background` shorthand; transparent if it names no colour."""
+    """The colour in a value of the shorthand `background`, as an `Rgba` or `CURRENT`.
+
+    The result is transparent if the value names no colour.
+    """
     for word in _WORD.findall(text):
         if (color := color_of(word)) is not None:
             return color
@@ -62,6 +68,7 @@ def background_color(text: str) -> Any:
 
 
 def _color_or_current(text: str, *_: object) -> Any:
+    """Parse a colour; returns an `Rgba`, or `CURRENT` for `currentColor`."""
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -73,6 +80,8 @@ def _opacity(text: str, *_: object) -> float:
 
 
 def _one_of(*words: str) -> Callable[..., str]:
+    """Make a parser that accepts one of `words` in any case, and returns it in lower case."""
+
     def parse(text: str, *_: object) -> str:
         if text.lower() not in words:
             raise ValueError(f"is none of {', '.join(words)}")
@@ -82,6 +91,11 @@ def _one_of(*words: str) -> Callable[..., str]:
 
 
 def _words_of(*known: str) -> Callable[..., str]:
+    """Make a parser that accepts one or more of the words in `known`, in any case.
+
+    It returns them in lower case, with single blanks between.
+    """
+
     def parse(text: str, *_: object) -> str:
         words = text.lower().split()
         if not words or not set(words) <= set(known):
@@ -117,6 +131,10 @@ def _miterlimit(text: str, *_: object) -> float:
 
 
 def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tuple[float, ...]:
+    """Parse `stroke-dasharray`; returns an even number of lengths in user units.
+
+    The result is empty for a solid line.
+    """
     if text.lower() == "none":
         return ()
     words = text.replace(",", " ").split()
@@ -132,6 +150,7 @@ def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> fl
 
 
 def _paint_order(text: str, *_: object) -> tuple[str, ...]:
+    """Parse `paint-order`; returns `"fill"` and `"stroke"` in the order of painting."""
     words = text.lower().split()
     if words == ["normal"]:
         words = []
@@ -153,7 +172,7 @@ def _clip_path(text: str, *_: object) -> str | None:
 
 
 def reference_of(text: str) -> str | None:
-    """The reference in a text that begins with `url(...)`, such as `#id`; None for other text."""
+    """The reference, such as `#id`, in a text that begins with `url(...)`; None for other text."""
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
 
@@ -190,3 +209,8 @@ PARSERS: dict[str, Callable[..., Any]] = {
     "stop_opacity": _opacity,
     "background_color": _color_or_current,
 }
+"""The parser of each field of `Style`.
+
+Its arguments are the text of the value, the style of the parent, the viewport, and the font size of
+the element in user units. It raises `ValueError` for text that is no value of the property.
+"""

@@ -31,27 +31,29 @@ _PSEUDO_CLASSES = frozenset(
 """Pseudo-classes that are tested in constant time."""
 
 _COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
-"""Pseudo-classes that look at all siblings."""
+"""Pseudo-classes whose test examines all siblings of an element."""
 
 _FUNCTIONS = {
     "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
     "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
 }  # fmt: skip
-"""Functional pseudo-classes, and whether they look at all siblings.
+"""Functional pseudo-classes, such as `:not(...)`, and whether they examine all siblings.
 
-`has` is not supported, as it looks at all descendants.
+`:has(...)` is not supported, as it examines all descendants.
 """
 
 
 class Cost(NamedTuple):
-    """Properties of a selector that bound the time of testing it.
+    """Properties of a CSS selector that determine how long it takes to test it on an element.
 
-    A selector consists of compounds, such as `rect.a`, with combinators between them.
+    A selector consists of compounds, such as `rect.a`, with combinators between them. The last
+    compound is tested on the element itself, and the others on its ancestors and siblings.
 
-    - `descendants`: number of descendant combinators, which leave a choice of ancestors.
-    - `later_sibling_combinators`: number of combinators `~`, which leave a choice of siblings.
-    - `last_looks_at_siblings`: whether a pseudo-class of the last compound looks at all siblings.
-    - `others_look_at_siblings`: whether a pseudo-class of another compound does.
+    - `descendants`: number of descendant combinators (blanks). Each may match at any ancestor.
+    - `later_sibling_combinators`: number of combinators `~`. Each may match at any earlier sibling.
+    - `last_looks_at_siblings`: whether the last compound has a pseudo-class that examines all
+      siblings, such as `:first-of-type`.
+    - `others_look_at_siblings`: whether any other compound has such a pseudo-class.
     """
 
     descendants: int
@@ -61,10 +63,11 @@ class Cost(NamedTuple):
 
 
 def max_tests(cost: Cost, depth: int, siblings: int) -> int:
-    """Upper bound on the number of tests of compounds that one test of a selector causes.
+    """Upper bound on the number of compounds that are tested to test one selector on an element.
 
+    - `cost`: properties of the selector.
     - `depth`: number of ancestors of the element.
-    - `siblings`: number of siblings of the element and of all its ancestors together.
+    - `siblings`: number of siblings of the element and of each ancestor, added up.
     """
     tests = _choices(depth, cost.descendants) * _choices(siblings, cost.later_sibling_combinators)
     if cost.others_look_at_siblings:
@@ -73,10 +76,11 @@ def max_tests(cost: Cost, depth: int, siblings: int) -> int:
 
 
 def _choices(among: int, count: int) -> int:
-    """Number of ways to choose at most `count` of `among` elements, in a fixed order.
+    """Number of ways to choose at most `count` of `among` elements, without regard to order.
 
-    This bounds the tests that a chain of combinators causes, since every prefix of a choice is
-    tested. The sum stops above 2^40, which exceeds every limit.
+    It bounds the tests that a chain of `count` combinators causes: each combinator chooses one
+    element, and a chain is also tested before all of its elements are chosen. The sum stops above
+    2^40, which exceeds every limit of the budget.
     """
     choices = total = 1
     for k in range(min(count, among)):
@@ -88,9 +92,10 @@ def _choices(among: int, count: int) -> int:
 
 
 def selector_costs(prelude: list[Any]) -> list[Cost] | None:
-    """The cost of each selector in a list, given the list's tokens.
+    """The cost of each selector in a list, given the tokens of the list.
 
-    Returns None if a selector uses a pseudo-class that is not supported, or nests functions.
+    Returns None if a selector has a pseudo-class that is not supported, or a function inside of a
+    function.
     """
     costs, selector = [], []
     for token in [*prelude, None]:
@@ -106,6 +111,7 @@ def selector_costs(prelude: list[Any]) -> list[Cost] | None:
 
 
 def _selector_cost(tokens: list[Any]) -> Cost | None:
+    """The cost of one selector, given its tokens; None for the reasons of `selector_costs`."""
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
     descendants, later_sibling_combinators = _combinators(tokens)
@@ -138,7 +144,11 @@ def _selector_cost(tokens: list[Any]) -> Cost | None:
 
 
 def _combinators(tokens: list[Any]) -> tuple[int, int]:
-    """Number of descendant combinators, which are blanks between compounds, and number of `~`."""
+    """Count the combinators among the tokens of a selector, or of a function's arguments.
+
+    Returns the number of descendant combinators, which are blanks between compounds, and the number
+    of combinators `~`.
+    """
     descendants = later_sibling_combinators = 0
     is_separated, is_after_compound = False, False
     for token in tokens:

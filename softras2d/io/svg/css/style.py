@@ -13,7 +13,7 @@ class PaintServer(NamedTuple):
 
     - `reference`: the text between the parentheses, such as `#id`.
     - `fallback`: the paint after the reference, which is used if the reference is broken: a colour,
-      `CURRENT`, or None for `none`. False if no fallback is given.
+      `CURRENT` for `currentColor`, or None for `none`. False if no fallback is given.
     """
 
     reference: str
@@ -21,7 +21,7 @@ class PaintServer(NamedTuple):
 
 
 Paint = Rgba | str | PaintServer | None
-"""A colour, `CURRENT` for `currentColor`, a reference, or None for no paint."""
+"""A colour, `CURRENT` for `currentColor`, a reference to a paint server, or None for no paint."""
 
 
 class Style(NamedTuple):
@@ -30,8 +30,10 @@ class Style(NamedTuple):
     `opacity` and the fields after it are not inherited. Lengths are in user units, and opacities
     are in 0..1.
 
-    - `color`: an `Rgba`. `stop_color` and `background_color` may also be `CURRENT`.
+    - `color`, `stop_color`, `background_color`: an `Rgba`, which is sRGB with straight alpha. The
+      last two may also be `CURRENT`, which stands for `color`.
     - `stroke_dasharray`: an even number of lengths; empty for a solid line.
+    - `paint_order`: `"fill"` and `"stroke"`, in the order in which they are painted.
     - `overflow`: empty if it is not declared.
     - `clip_path`: text of the property, such as `url(#id)`; None for `none`.
     - `transform_origin`: text of the property.
@@ -66,6 +68,7 @@ class Style(NamedTuple):
 
 
 INITIAL = Style()
+"""The initial value of every property."""
 
 NOT_INHERITED = INITIAL._asdict()
 for _name in Style._fields[: Style._fields.index("opacity")]:

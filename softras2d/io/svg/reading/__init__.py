@@ -1,1 +1,1 @@
-"""This stage interprets SVG documents in one of two dialects, and makes scenes of them."""
+"""This stage interprets an SVG document in one of two dialects, and makes a scene of it."""

@@ -1,9 +1,9 @@
 """Maps the control points of a drawing to the vertices of its triangles.
 
 A curve is flattened at fixed parameters, so that each vertex of a filled path is a fixed linear
-combination of at most four control points. The map is therefore affine. It is exact for the
-triangulation of the file: it moves these triangles and never triangulates again, so that they may
-overlap or turn over after large moves.
+combination of at most four control points. The map is therefore affine. It moves the triangles into
+which the drawing of the file was divided, and never triangulates again. After large moves,
+triangles may therefore overlap or turn over.
 """
 
 import re
@@ -33,10 +33,10 @@ _ATTRIBUTE = {"path": "d", "polygon": "points", "polyline": "points"}
 class ControlledPath(NamedTuple):
     """A path, polygon or polyline of a file whose control points can be moved.
 
-    - `element`: number of the element in document order, from 0 for the root.
-    - `attribute`: the attribute in which its points are written.
+    - `element`: index of its element in document order, from 0 for the root.
+    - `attribute`: name of the attribute in which its points are written.
     - `first`: index of its first control point in `SvgControls.points`.
-    - `path`: the path as it is in the file.
+    - `path`: the path as it is in the file, in the user units of its element.
     """
 
     element: int
@@ -49,15 +49,16 @@ class SvgControls(eqx.Module):
     """Scene of a drawing, with the affine map from the drawing's control points to its vertices.
 
     - `scene`: the scene as `read_svg` returns it.
-    - `points`: `[points, 2]`, control points of all filled paths, polygons and polylines, in the
-      units of their elements, in document order.
-    - `controls`, `weights`: for each vertex, the indices of four control points and their weights.
-      The weighted sum is the vertex in the units of its element.
-    - `linear`, `offset`: for each vertex, the map from the units of its element to pixels.
-    - `constant_vertices`: numbers of vertices that do not depend on control points, by the reason.
-      `"cut"`: they lie where shapes cross or are clipped or divided. `"radius"`: they lie on arcs,
-      circles, ellipses or rects, or on paths that a style sheet gives. `"other"`: they belong to
-      strokes, images, `colortri` or `textri`.
+    - `points`: control points of all filled paths, polygons and polylines, in the user units of
+      their elements, in document order.
+    - `controls`, `weights`: for each vertex, the indices in `points` of four control points, and
+      their weights. The weighted sum is the vertex in the user units of its element.
+    - `linear`, `offset`: for each vertex, the map from the user units of its element to pixels. It
+      is multiplied by `linear`, and then `offset` is added.
+    - `constant_vertices`: number of vertices that depend on no control point, for each reason.
+      `"cut"`: vertices where shapes cross, or where a shape is clipped or divided. `"radius"`:
+      vertices on arcs, circles, ellipses and rects, and on paths that a style sheet gives.
+      `"other"`: vertices of strokes, images, `colortri` and `textri`.
 
     A constant vertex has weights of zero, and its position as `offset`. Vertices that are added
     inside of a translucent fill also count as `"cut"`; the image does not depend on where they lie.
@@ -74,9 +75,10 @@ class SvgControls(eqx.Module):
     _paths: tuple[ControlledPath, ...] = eqx.field(static=True)
 
     def positions(self, points: Float[Array, "points 2"]) -> Float[Array, "vertices 2"]:
-        """The vertices of the scene, in pixels, for these control points. Differentiable.
+        """Compute the vertices of the scene, in pixels, from control points. Differentiable.
 
-        `points` are in the units of their elements, like `self.points`. The result has their dtype.
+        `points` are in the user units of their elements, like `self.points`. The result has their
+        dtype.
         """
         weights, linear, offset = (
             array.astype(points.dtype) for array in (self.weights, self.linear, self.offset)
@@ -93,7 +95,8 @@ class SvgControls(eqx.Module):
     def matrix(self) -> Any:
         """The linear part of the map from control points to vertices, as a `scipy.sparse` matrix.
 
-        It maps `points.ravel()` to `positions(points).ravel() - offset.ravel()`, in CSR format.
+        The matrix, in CSR format, maps `points.ravel()` to `positions(points).ravel() -
+        offset.ravel()`.
         """
         from scipy import sparse
 
@@ -115,11 +118,11 @@ class SvgControls(eqx.Module):
         return matrix
 
     def text(self, points: Any = None) -> str:
-        """The text of the file with these control points, by default with `self.points`.
+        """The text of the SVG file with `points` as its control points, by default `self.points`.
 
-        Only the attributes that hold the points change; their numbers are rounded to float32.
-        Raises `ValueError` for points of another shape or that are not finite, and for a file that
-        is not in ASCII or UTF-8.
+        Only the attributes in which control points are written change; their numbers are rounded to
+        float32. Raises `ValueError` for points of another shape or that are not finite, for a file
+        that is not in ASCII or UTF-8, and for an attribute that only a DTD gives.
         """
         points = np.asarray(self.points if points is None else points, np.float64)
         if points.shape != self.points.shape or not np.isfinite(points).all():
@@ -144,12 +147,15 @@ def make_controls(
 ) -> SvgControls:
     """Find the control points on which each vertex of a drawing's scene depends.
 
-    A vertex that no control point moves is constant in the result: `SvgControls` lists the reasons.
+    A vertex that depends on no control point is constant in the result; `SvgControls` lists the
+    reasons.
 
     - `document`, `root`: the file, and the root of its elements.
-    - `scene`: what was drawn. Its vertices 3k to 3k + 2 are the corners of triangle k.
-    - `triangles`: the same triangles, with the draw index of the shape to which each belongs.
-    - `canvas`: its `sources` has, for the draw index of a filled shape, an index in `sources`.
+    - `scene`: the scene of the drawing. Its vertices 3k to 3k + 2 are the corners of triangle k.
+    - `triangles`: the same triangles. Their field `draw` is the index, in draw order, of the shape
+      to which each triangle belongs.
+    - `canvas`: its field `sources` maps the index in draw order of a filled shape to an index in
+      `sources`.
     - `sources`: the filled shapes, each with its flattened path and its map to pixels.
 
     Raises `ValueError` if the map of a source to pixels is in perspective.
@@ -198,13 +204,16 @@ def make_controls(
 
 
 class _Counts(dict):
-    """Counts by name. Hashable by identity, because static fields of modules must be hashable."""
+    """A dictionary of counts by name.
+
+    It is hashable by identity, because static fields of modules must be hashable.
+    """
 
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
 class _Paths(tuple):
-    """Several `ControlledPath`. Hashable by identity, because a `Path` is not hashable."""
+    """A tuple of `ControlledPath`. It is hashable by identity, because a `Path` is not hashable."""
 
     __hash__ = object.__hash__  # type: ignore[assignment]
 
@@ -212,7 +221,11 @@ class _Paths(tuple):
 def _controlled_paths(
     root: Element, sources: list[FillSource]
 ) -> list[tuple[Element, ControlledPath]]:
-    """The elements that were filled and whose attribute holds their points, in document order."""
+    """The elements whose control points can be moved, with their paths, in document order.
+
+    These are the paths, polygons and polylines that were filled, and whose points are written in an
+    attribute rather than in a style sheet.
+    """
     by_element = {id(source.element): source for source in sources}
     paths, first = [], 0
     for number, element in enumerate(elements(root)):
@@ -228,11 +241,15 @@ def _controlled_paths(
 def _source_points(
     sources: list[FillSource], first: dict[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Describe the points of all flattened sources, one source after the other.
+    """List the points of all flattened shapes, with the control points on which each depends.
 
-    `first` has the index of the first control point of each controlled element, by its `id`.
+    - `sources`: the filled shapes. Their points are listed one shape after the other.
+    - `first`: by Python's `id` of each element whose control points can be moved, the index of its
+      first control point.
+
     Returns for each point the indices and weights of its four control points, and the linear map
-    and the offset from user units to pixels. Indices are -1 for points without control points.
+    and the offset from user units to pixels. Indices are -1 for a point that depends on no control
+    point. Raises `ValueError` for a map in perspective.
     """
     controls, weights, linear, offset = [], [], [], []
     for source in sources:
@@ -266,8 +283,8 @@ def _matching_rows(
 ) -> Int[np.ndarray, " vertices"]:
     """For each vertex, the row in `_source_points` of a point that equals it in float32, or -1.
 
-    `vertices` are in pixels. `source` is the index of the source of each vertex, or -1; only points
-    of that source are compared.
+    `vertices` are in pixels. `source` is the index in `sources` of the shape of each vertex, or -1.
+    Only points of that shape are compared.
     """
     if not sources:
         return np.full(len(vertices), -1)
@@ -292,7 +309,7 @@ def _matching_rows(
 
 
 def _number(value: float) -> str:
-    """The shortest decimal that is rounded to the same float32."""
+    """The shortest decimal text of a number that rounds to the same float32."""
     return str(np.float32(value)).removesuffix(".0")
 
 
@@ -301,11 +318,15 @@ def _pair(point: np.ndarray) -> str:
 
 
 def _point_list(path: Path, points: np.ndarray) -> str:
+    """The value of the attribute `points` with these points; `path` is not used."""
     return " ".join(map(_pair, points))
 
 
 def _path_data(path: Path, points: np.ndarray) -> str:
-    """The attribute `d` of a path with absolute commands, with `points` as its control points."""
+    """The value of the attribute `d` of a path, with `points` as its control points.
+
+    All commands are absolute.
+    """
     words = []
     for subpath in path.subpaths:
         words.append(f"M{_pair(points[subpath.start])}")
@@ -321,6 +342,7 @@ def _path_data(path: Path, points: np.ndarray) -> str:
 
 
 def _arc_data(arc: Arc, end: np.ndarray) -> str:
+    """The path command that draws `arc` and ends in the point `end`."""
     rx, ry = np.hypot(*arc.major), np.hypot(*arc.minor)
     rotation = np.degrees(np.arctan2(arc.major[1], arc.major[0]))
     flags = f"{int(abs(arc.turn) > np.pi)} {int(arc.turn > 0)}"
@@ -328,17 +350,17 @@ def _arc_data(arc: Arc, end: np.ndarray) -> str:
 
 
 _NAME = re.compile(rb"""[^\s/<>]*+""")
-"""The name of an element, after `<`."""
+"""Matches the name of an element, after `<`."""
 
 _PAIR = re.compile(rb"""\s*+([^\s=/<>"']++)\s*+=\s*+("[^"]*+"|'[^']*+')""")
-"""The next attribute of a start tag: its name, and its value with quotes."""
+"""Matches the next attribute of a start tag: its name, and its value with quotes."""
 
 
 def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> str:
     """The text of a document with new values of attributes.
 
-    `texts` has the name of an attribute and its new value for the number of each element to change,
-    in document order. Raises `SvgError` for a document that is not in ASCII or UTF-8, and for an
+    `texts` maps the index in document order of each element to change to the name of an attribute
+    and its new value. Raises `SvgError` for a document that is not in ASCII or UTF-8, and for an
     attribute that is not written in its start tag.
     """
     data = document.data

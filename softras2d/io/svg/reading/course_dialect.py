@@ -20,16 +20,19 @@ from ..xml.document import Attributes, Children
 _HEX = re.compile(r"\s*+#?+([0-9a-fA-F]*+)")
 
 _PIXELS_AT_ONCE = 2**18
-"""Maximum number of pixels of an `image` that are sampled at once, which bounds memory. A row of
-pixels is always sampled at once."""
+"""Maximum number of pixels of an `image` that are sampled at once, which bounds memory.
+
+The pixels of one row are always sampled at once, even if they are more.
+"""
 
 
 class CourseReader:
-    """Draws elements with their meaning in the course, including its deviations from SVG.
+    """Draws the elements of a document by the course's rules, including its deviations from SVG.
 
-    It is a `Reader` for `document.walk`, and draws on the display list of `context`. Only
-    `transform` is inherited: every element has its own style. Methods named after elements draw
-    one; their argument `map3` is the homogeneous map `[3, 3]` from its units to pixels.
+    It is a `Reader` for `document.walk`, and adds shapes to the display list of `context`. Only
+    `transform` is inherited: every element has its own style. A method that is named after an
+    element, such as `_rect`, draws this element. Its argument `map3` is the homogeneous map `[3,
+    3]` from the user units of the element to pixels.
     """
 
     def __init__(self, context: Context):
@@ -50,8 +53,8 @@ class CourseReader:
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
         """Draw a shape, declare a texture, or enter the root or a group.
 
-        Returns how the children of the element are treated. Elements that the course does not know
-        are counted for the warning.
+        Returns how `walk` treats the children of the element. Elements that the course does not
+        know are counted for the warning.
         """
         self._context.display.line = line
         if not self._maps:
@@ -75,21 +78,21 @@ class CourseReader:
         return Children.NAMED
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """Count a child of a shape or texture: the course ignores all of them."""
+        """Count a child of a shape or of a texture for the warning, since the course ignores it."""
         if not _is_silent(tag, attributes):
             self._context.elements[tag] += 1
 
     def close(self) -> None:
-        """Leave a group or the root; draw the frame, if it is wanted, at the end of the root."""
+        """Leave a group or the root. At the end of the root, draw the frame if `context.frame`."""
         map3 = self._maps.pop()
         if not self._maps and self._context.frame:
             self._frame(map3)
 
     def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
-        """The map `[3, 3]` from the drawing's units to pixels, by the course's rule.
+        """The map `[3, 3]` from the root's user units to pixels.
 
-        A transform that the caller gave is used instead. Raises `ValueError` unless the root is
-        `svg`, and if it has no size and there is no transform.
+        It is the transform that the caller gave or, without one, the map of `course_view`. Raises
+        `ValueError` unless the root is `svg`, and if it has no size and there is no transform.
         """
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
@@ -103,23 +106,31 @@ class CourseReader:
         return map3
 
     def _unknown_function(self, name: str) -> None:
+        """Count a transform function that the course does not know, for the warning."""
         self._context.ignored[f"transform {name!r}"] += 1
 
     def _color(self, attributes: Attributes, name: str) -> Rgba:
-        """Parse the hex digits of the attribute `name`, with its opacity; black without digits."""
+        """The colour whose hex digits are the value of the attribute `name`, `fill` or `stroke`.
+
+        Its alpha is the opacity of `_opacity`. It is black if the value has no hex digits.
+        """
         match = _HEX.match(attributes.get(name, ""))
         code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
         red, green, blue = (float(np.float32((code >> shift & 255) / 255)) for shift in (16, 8, 0))
         return red, green, blue, self._opacity(attributes, name)
 
     def _opacity(self, attributes: Attributes, name: str) -> float:
-        """The opacity of `fill` or `stroke` in 0..1; 1 if opacities are not applied."""
+        """The opacity of `fill` or `stroke` in 0..1, as `name` says.
+
+        It is 1 if opacities are not applied.
+        """
         text = attributes.get(f"{name}-opacity")
         if text is None or not self._context.opacity:
             return 1.0
         return min(max(leading_float(text), 0.0), 1.0)
 
     def _rect(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `rect` and its outline. If width and height are 0, it is a single pixel."""
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -143,6 +154,7 @@ class CourseReader:
             self._context.display.add_pixels(rectangle, np.array([color]))
 
     def _polygon(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `polygon`, which the course's ear clipping triangulates, and its outline."""
         points = np.array(number_pairs(attributes.get("points", "")), np.float32).reshape(-1, 2)
         corners = affine_maps.apply(map3, points)
         if len(points) > 2:
@@ -158,12 +170,14 @@ class CourseReader:
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
 
     def _polyline(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `polyline` with lines one pixel wide, even if it has no attribute `stroke`."""
         points = np.array(number_pairs(attributes.get("points", ""))).reshape(-1, 2)
         if len(points) > 1:
             corners = affine_maps.apply(map3, points)
             self._lines(corners[:-1], corners[1:], self._color(attributes, "stroke"))
 
     def _line(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `line` one pixel wide, if it has the attribute `stroke`."""
         ends = [leading_float(attributes.get(name)) for name in ("x1", "y1", "x2", "y2")]
         if "stroke" in attributes:
             start, end = affine_maps.apply(map3, np.reshape(ends, (2, 2)))
@@ -174,12 +188,14 @@ class CourseReader:
         self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
 
     def _colortri(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `colortri`, a triangle with a colour for each corner."""
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         colors = _numbers(attributes, "colors", 12).reshape(3, 4)
         colors[:, 3] = self._opacity(attributes, "fill")
         self._context.display.add_triangles(affine_maps.apply(map3, points)[None], colors)
 
     def _textri(self, map3: np.ndarray, attributes: Attributes) -> None:
+        """Draw a `textri`, a triangle with a texture."""
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
@@ -189,7 +205,10 @@ class CourseReader:
         )
 
     def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Fill every pixel between two opposite corners; a mirrored image draws nothing."""
+        """Draw an `image` by filling every pixel between two opposite corners.
+
+        A mirrored image draws nothing.
+        """
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -223,8 +242,8 @@ class CourseReader:
     def _frame(self, map3: np.ndarray) -> None:
         """Draw the outline of the drawing with black lines one pixel wide, as the course does.
 
-        The lines run a pixel outside its left and right edge, and a pixel inside its top and bottom
-        edge.
+        The lines run a pixel outside the left and right edge of the drawing, and a pixel inside its
+        top and bottom edge.
         """
         height, width = self._size
         corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
@@ -238,16 +257,16 @@ class CourseReader:
 def _is_silent(tag: str, attributes: Attributes) -> bool:
     """Whether an element is left out without a warning.
 
-    These are elements with a namespace prefix, those that draw nothing (`SILENT`), and those that
-    `write_svg` adds for browsers alone (`FALLBACK`).
+    Elements with a namespace prefix are, and so are elements that draw nothing (`SILENT`) and those
+    that `write_svg` adds for browsers alone (`FALLBACK`).
     """
     return ":" in tag or tag in SILENT or FALLBACK in attributes
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
-    """Parse the first `count` numbers of the attribute `name`, with blanks between them.
+    """Parse the first `count` numbers of the attribute `name`, which blanks separate.
 
-    Raises `ValueError` if it has fewer.
+    Raises `ValueError` if the attribute has fewer numbers.
     """
     try:
         numbers = blank_separated(attributes.get(name, ""))
@@ -269,8 +288,8 @@ def _pixels(
     - `side`: size of the canvas along this axis, in pixels.
 
     Returns the indices of the pixels that lie on the canvas, and for each the texture coordinate of
-    its centre: 0..1, or slightly outside for the first and last pixel. Both are empty for a picture
-    that is mirrored or off the canvas.
+    its centre: 0..1, or slightly outside for the first and last pixel. Both arrays are empty for a
+    picture that is mirrored or off the canvas.
     """
     low, high = float(ends[0]), float(ends[1])
     first, last = max(np.floor(low), 0.0), min(np.floor(high), side - 1.0)

@@ -10,8 +10,10 @@ from ..xml.notices import Notices
 from ..xml.tree import Element, read_tree
 
 _ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
-"""Encodings in which the word `style` is searched for. All other encodings that the parser knows
-agree with UTF-8 in ASCII characters."""
+"""Encodings in which the word `style` is searched for.
+
+All other encodings that the parser knows agree with UTF-8 in ASCII characters.
+"""
 
 _DEFAULT_SIZE = (150.0, 300.0)
 """Height and width, in px, that browsers give a drawing that declares no size."""
@@ -41,12 +43,13 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
 
 
 def size_with_margins(document: Document, height: int, width: int) -> tuple[float, float] | None:
-    """The (height, width) of a drawing of dialect `"svg"` that would leave margins on a canvas.
+    """The size of a drawing that would leave margins on a canvas; None if it leaves none.
 
-    The canvas has `height` x `width` pixels. The result is the size of the drawing's viewBox, in
-    user units, or without a viewBox the declared size in pixels. It is None if the drawing would
-    leave margins of one pixel at most, because the aspect ratios agree, or because
-    `preserveAspectRatio` is `none` or `slice`. Raises `SvgError` if the document declares no size.
+    The document is of dialect `"svg"`, and the canvas has `height` x `width` pixels. The result is
+    the (height, width) of the viewBox in user units or, without a viewBox, the declared size in
+    pixels. Margins of one pixel at most do not count. There are none if the aspect ratios agree, or
+    if `preserveAspectRatio` is `none` or `slice`. Raises `SvgError` if the document has neither a
+    viewBox nor a declared size.
     """
     _, attributes = root(document)
     if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
@@ -67,9 +70,12 @@ def _standard_size(
 ) -> tuple[float, float] | None:
     """The (height, width) in px, not rounded, that a document of dialect `"svg"` declares.
 
-    The root declares it by attributes or by CSS. None if it declares no size. There is no canvas
-    yet, so media queries are evaluated for the size in the root's attributes. The whole document is
-    parsed only if it may have style sheets and `tree` is None.
+    - `attributes`: the attributes of the root. CSS may declare the size too, with higher rank.
+    - `tree`: the root, if the document has been parsed already. If `tree` is None, the document is
+      parsed only if it may have style sheets.
+
+    Returns None if no size is declared. There is no canvas yet, so media queries are evaluated for
+    the size in the root's attributes.
     """
     size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
     if not any("style".encode(code) in document.data for code in _ENCODINGS):

@@ -42,7 +42,7 @@ _FITS = {
 
 @dataclass(frozen=True)
 class _Options:
-    """The options of `read_svg` other than the size of the canvas."""
+    """The arguments of `read_svg` other than `path`, `height` and `width`."""
 
     dialect: str
     transform: Any
@@ -72,8 +72,8 @@ def read_svg(
 ) -> Scene:
     """Read an SVG file as a scene.
 
-    The scene has the smallest structure that can represent the file. Its background is white unless
-    the file has another one.
+    The scene has no textures, no alpha channel and no corner colours unless the drawing needs them.
+    Its background is white unless the file has another one.
 
     - `height`, `width`: size of the canvas in pixels; by default the size that the file declares,
       rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
@@ -95,10 +95,11 @@ def read_svg(
       preserveAspectRatio decides. Only for dialect `"svg"`, and not together with `transform`.
 
     Dialect `"svg"` draws paths, basic shapes, images, style sheets, gradients, clip paths, dashes,
-    `use`, `symbol`, nested `svg` and `switch`. A shape or group with `opacity` is composited as a
-    whole, by cutting what is covered. Not drawn are text, filters, masks, patterns, markers, blend
-    modes, `foreignObject` and animations. An invalid attribute is ignored as SVG 2 says. One
-    `UserWarning` names everything left out or ignored: element, attribute, first line, and count.
+    `use`, `symbol`, nested `svg` and `switch`. The shapes of a group with `opacity` are cut into
+    regions that do not overlap, so that the opacity applies to the composited group. Not drawn are
+    text, filters, masks, patterns, markers, blend modes, `foreignObject` and animations. An invalid
+    attribute is ignored as SVG 2 says. A single `UserWarning` lists all that is left out or
+    ignored: element, attribute, first line, and count.
 
     If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
     `background`. Vertices are mapped to pixels in float64 and rounded to float32.
@@ -128,10 +129,11 @@ def read_document_with_notice(
     document: Document, *, height: int, width: int, dialect: str = "svg",
     assets: str | os.PathLike[str] | None = None, opacity: bool = True, frame: bool | None = None,
 ) -> tuple[Scene, str | None]:  # fmt: skip
-    """Read a document like `read_svg`; return the scene and the text of the warning, or None.
+    """Read a document like `read_svg`, but return the warning instead of issuing it.
 
-    The warning is not issued. Threads share the filters of the module `warnings`, so a thread could
-    not safely catch a warning that it has issued.
+    Returns the scene, and the text of the warning; None for no warning. The other arguments are as
+    in `read_svg`. Threads share the filters of the module `warnings`, so a thread could not safely
+    catch a warning that it has issued.
     """
     options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
     drawn = _read(document, height, width, options)
@@ -154,9 +156,13 @@ def parse_svg(
     strict: bool = False,
     fit: str | None = None,
 ) -> Scene:
-    """Read the text of an SVG file as a scene, like `read_svg`; errors call it `name`.
+    """Read the text of an SVG file as a scene, like `read_svg`.
 
-    Names of image files are relative to the folder `assets`; without it, no image file is read.
+    - `name`: what errors and warnings call the document.
+    - `assets`: folder to which names of image files are relative; without it, no image file is
+      read.
+
+    The other arguments are as in `read_svg`.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     drawn = _read(from_text(text, name), height, width, options)
@@ -200,8 +206,9 @@ def read_svg_controls(
 def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int, int]:
     """The (height, width) in pixels that an SVG file declares, rounded up.
 
-    In dialect `"svg"`, style sheets outrank the attributes of the root, and a missing side is
-    computed from the viewBox. Raises `ValueError`, one line, if the file declares no size.
+    `dialect` is as in `read_svg`. In dialect `"svg"`, style sheets outrank the attributes of the
+    root, and a missing side is computed from the viewBox. Raises `ValueError`, one line, if the
+    file declares no size.
     """
     _check_dialect(dialect)
     return declared_size(load(path), dialect)
@@ -210,17 +217,20 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
 def parse_svg_size(
     text: str | bytes, *, name: str = "<svg>", dialect: str = "svg"
 ) -> tuple[int, int]:
-    """The size that the text of an SVG file declares, like `svg_size`; errors call it `name`."""
+    """The (height, width) that the text of an SVG file declares, like `svg_size`.
+
+    `name` is what errors call the document.
+    """
     _check_dialect(dialect)
     return declared_size(from_text(text, name), dialect)
 
 
 class _Drawn(NamedTuple):
-    """A document that has been read.
+    """The result of reading a document.
 
-    - `triangles`: the triangles of which `scene` was made, with the shape of each.
+    - `triangles`: the triangles of which `scene` was made, with the index of the shape of each.
     - `drawing`: the object that drew the document; None in dialect `"course"`.
-    - `notice`: one line about everything left out or ignored, for a warning; None for nothing.
+    - `notice`: one line about all that was left out or ignored, for a warning; None for nothing.
     """
 
     scene: Scene
@@ -236,9 +246,12 @@ def _read(
     options: _Options,
     keeps_sources: bool = False,
 ) -> _Drawn:
-    """Read a document; None for `height` or `width` stands for the size that it declares.
+    """Read a document as a scene.
 
-    `keeps_sources` tells the painter to remember the paths that it fills, for control points.
+    - `height`, `width`: size of the canvas in pixels; None for the size that the document declares.
+    - `keeps_sources`: whether the painter stores the paths that it fills, for `make_controls`.
+
+    Raises `ValueError` as `read_svg` does. No warning is issued.
     """
     _check_options(options)
     budget = Budget()
@@ -286,7 +299,7 @@ def _read(
 
 
 def _note_style_sheet(document: Document, notices: Notices) -> None:
-    """Report that an external style sheet, named before the root of the document, has no effect."""
+    """Add a notice if an external style sheet is named before the root, since it has no effect."""
     prolog = document.data.partition(b"<svg")[0]
     before, found, _ = prolog.partition(b"<?xml-stylesheet")
     if found:
@@ -294,14 +307,21 @@ def _note_style_sheet(document: Document, notices: Notices) -> None:
 
 
 def _warn(drawn: _Drawn) -> None:
-    """Issue the notice of a document as a warning at the line that called the public function."""
+    """Issue the notice of a document, if there is one, as a `UserWarning`.
+
+    The warning points to the code that called the public function.
+    """
     if drawn.notice:
         warnings.warn(drawn.notice, UserWarning, stacklevel=3)
 
 
 @contextmanager
 def _errors_named(document: Document) -> Iterator[None]:
-    """Turn errors of the body that lack the name of the document into `SvgError`s with it."""
+    """Turn errors of the body into `SvgError`s that begin with the document's name.
+
+    It is a context manager. It handles `ValueError` and `LIBRARY_ERRORS`; an `SvgError` is passed
+    on unchanged, since it has the name already.
+    """
     try:
         yield
     except SvgError:
@@ -317,9 +337,13 @@ def _canvas_size(
     height: int | None,
     width: int | None,
 ) -> tuple[int, int]:
-    """The (height, width) of the canvas; None stands for a side that the document declares.
+    """The (height, width) of the canvas, in pixels.
 
-    Raises `ValueError` unless both are integers from 1 to `MAX_SIDE`.
+    - `height`, `width`: the sides that the caller gave; None for the side that the document
+      declares.
+    - `tree`: root of the document; None in dialect `"course"`.
+
+    Raises `ValueError` unless both sides are integers from 1 to `MAX_SIDE`.
     """
     if height is None or width is None:
         file_height, file_width = declared_size(document, dialect, tree)
@@ -340,6 +364,7 @@ def _check_dialect(dialect: str) -> None:
 
 
 def _check_options(options: _Options) -> None:
+    """Raise `ValueError` for options that are out of range, or that exclude each other."""
     _check_dialect(options.dialect)
     if options.frame and options.dialect != "course":
         raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")
@@ -360,10 +385,12 @@ def _make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """Make the scene of a drawing's triangles, without arrays and channels that none needs.
+    """Make a scene of the triangles of a drawing.
 
     - `addressing`: how texture coordinates map to texels.
     - `linear`: whether colours and textures are decoded from sRGB to linear light.
+
+    Textures, alpha and corner colours are left out if no triangle needs them.
     """
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))

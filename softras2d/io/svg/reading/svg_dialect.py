@@ -42,17 +42,17 @@ from ..xml.tree import Element
 
 
 class _ElementStep(NamedTuple):
-    """An element to be drawn, and the state that it inherits from its parent."""
+    """A step that draws an element, with the state that the element inherits from its parent."""
 
     element: Element
     state: InheritedState
 
 
 class _GroupEnd(NamedTuple):
-    """The end of a group that is composited as a whole.
+    """A step that composites a group, after all of its shapes have been drawn into a layer.
 
     - `layer`: the shapes of the group.
-    - `sink`: what receives the composited group.
+    - `sink`: receives the composited group.
     - `opacity`: opacity of the group, in 0..1.
     """
 
@@ -65,9 +65,8 @@ class _GroupEnd(NamedTuple):
 class Drawing:
     """Draws the elements of a document.
 
-    `page` holds the document, its style sheets, and the state of reading it.
-
-    - `painter`: fills and strokes shapes, and remembers the filled paths for control points.
+    - `page`: the document, its style sheets, and the state of reading it.
+    - `painter`: fills and strokes shapes, and stores the filled paths for control points.
     - `canvas`: the sink that receives the painted shapes.
     """
 
@@ -86,7 +85,7 @@ class Drawing:
         return self._page.root
 
     def draw(self) -> None:
-        """Draw the whole document. Raises `SvgError`, which names the line of an element."""
+        """Draw all elements of the document. Raises `SvgError`, which names an element's line."""
         self._guarded(self.root, self._begin)
         while self._pending:
             step = self._pending.pop()
@@ -98,7 +97,8 @@ class Drawing:
     def _guarded(self, element: Element, action: Callable[[], None]) -> None:
         """Run an action; turn its errors into `SvgError`s that name the document and the element.
 
-        They give the line number of `element` and its tag. An `SvgError` is passed on unchanged.
+        The errors give the line number of `element` and its tag. An `SvgError` is passed on
+        unchanged.
         """
         self._context.display.line = element.line
         try:
@@ -129,7 +129,7 @@ class Drawing:
     def _open(self, step: _ElementStep) -> None:
         """Draw a shape, or put the children of a group on the stack.
 
-        Elements that are not drawn are skipped. Those that are not supported or invalid are
+        Elements that are not drawn are skipped. Elements that are not supported or invalid are
         reported.
         """
         element, parent = step
@@ -196,6 +196,7 @@ class Drawing:
         return True
 
     def _declare_textures(self, element: Element) -> None:
+        """Declare the textures that are children of an element."""
         for child in element.children:
             if child.name == "texture":
                 self._context.display.line = child.line
@@ -206,7 +207,10 @@ class Drawing:
     ) -> None:
         """Put the children of a group on the stack.
 
-        If the group is translucent, its `_GroupEnd` is put below them, so that it comes last.
+        - `declared`: declarations of the group.
+        - `state`: state that the children inherit.
+        - `opacity`: opacity of the group, in 0..1. If it is below 1, a `_GroupEnd` is put on the
+          stack below the children, so that it is taken after them.
         """
         if opacity < 1:
             layer = Layer(self._page.budget)
@@ -228,7 +232,7 @@ class Drawing:
         self._pending += [_ElementStep(child, state) for child in reversed(children)]
 
     def _close(self, group: _GroupEnd) -> None:
-        """Composite the shapes of a group, and report if the colours are only approximate."""
+        """Composite the shapes of a group; report if the resulting colours are approximate."""
         if not group.layer.finish(group.sink, group.opacity):
             self._page.report(group.element)(
                 APPROXIMATE, "opacity", "translucent shapes overlap in it"
@@ -237,7 +241,13 @@ class Drawing:
     def _draw_shape(
         self, element: Element, declared: Declarations, state: InheritedState, opacity: float
     ) -> None:
-        """Draw a shape. If `opacity` is below 1, its fill and stroke are composited as a whole."""
+        """Draw a shape.
+
+        - `declared`: declarations of the shape.
+        - `state`: state of the shape itself, with its style and placement.
+        - `opacity`: opacity of the shape, in 0..1. If it is below 1, it applies to the result of
+          compositing the fill and the stroke.
+        """
         for child in element.children:
             if child.name in NOT_SUPPORTED:
                 self._page.not_drawn(NOT_DRAWN, child)
