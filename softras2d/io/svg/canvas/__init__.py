@@ -1,1 +1,1 @@
-"""This stage collects painted shapes in draw order, composites groups, and triangulates them."""
+"""This stage collects painted shapes in draw order, composites groups, and triangulates shapes."""

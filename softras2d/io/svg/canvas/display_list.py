@@ -23,15 +23,15 @@ from .triangles import Batch, Triangles, in_draw_order
 
 
 class DisplayList:
-    """Shapes of a drawing, in draw order. Coordinates are in pixels, float64.
+    """The shapes of a drawing, in draw order. Coordinates are in pixels, float64.
 
     Colours are sRGB with straight alpha. Every `add_...` method charges its shape to the budget,
     and raises `BudgetError` if a limit is exceeded.
 
     - `name`: name of the document, for errors.
     - `budget`: limits the work; None for a new one.
-    - `line`: line number of the element that is being read, set by the dialect. It is stored with
-      each shape, so that errors of `finish` can name it.
+    - `line`: line number of the element that is being read, which the dialect sets. It is stored
+      with each shape, so that errors of `finish` can name it.
     - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
       instead of the course's ear clipping, because they cross themselves and have too many points.
     """
@@ -56,17 +56,23 @@ class DisplayList:
         self._pixels: list[tuple[np.ndarray, np.ndarray]] = []
 
     def __len__(self) -> int:
+        """Number of shapes that have been added."""
         return len(self._lines)
 
     def _new_draw(self, color: Rgba | np.ndarray) -> int:
+        """Add a shape's colour and line number; returns the index of the shape in draw order.
+
+        `color` is one colour, or the colours `[3, 4]` of the corners of its triangles.
+        """
         self._lines.append(self.line)
         self._colors.append(color)
         return len(self._lines) - 1
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
-        """Add triangles `[k, 3, 2]` as one draw.
+        """Add triangles `[k, 3, 2]` as one shape.
 
-        They have a single colour, or all of them have the same colours `[3, 4]` at their corners.
+        `color` is the colour of all triangles, or the colours `[3, 4]` that all of them have at
+        their corners.
         """
         self.budget.charge("triangles", len(corners))
         self._triangles.append((self._new_draw(color), corners, None))
@@ -79,7 +85,8 @@ class DisplayList:
         - `points`, `uv`: `[n, 2]`, its corners in pixels, and their texture coordinates.
         - `color`: factor of the texture's colours and alpha.
         - `texture`: index in `Assets.textures`.
-        - `translucent`: whether inner edges must avoid samples, which would be blended twice there.
+        - `translucent`: whether inner edges must avoid samples, since a sample on an edge would be
+          blended twice.
         """
         cut = fan_inside if translucent and len(points) > 3 else fan
         triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
@@ -94,7 +101,7 @@ class DisplayList:
         """Add the inside of one closed contour `[n, 2]`, or of several that form one shape.
 
         It is filled by the even-odd rule if `evenodd`, and otherwise by the nonzero rule. Returns
-        the draw of the shape.
+        the index of the shape in draw order.
         """
         contours = [points] if isinstance(points, np.ndarray) else points
         self.budget.charge("points", sum(map(len, contours)))
@@ -102,7 +109,10 @@ class DisplayList:
         return len(self) - 1
 
     def add_region(self, region: Any, paint: Paint) -> int:
-        """Add a shapely (multi)polygon in pixels, filled with a paint; returns its draw."""
+        """Add a shapely (multi)polygon in pixels, filled with a paint.
+
+        Returns the index of the shape in draw order.
+        """
         self.budget.charge("points", int(shapely.get_num_coordinates(region)))
         draw = self._new_draw(tuple(paint.color[:, 2]))
         if paint.texture >= 0:
@@ -111,7 +121,7 @@ class DisplayList:
         return draw
 
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
-        """Add a polygon that is triangulated by the course's ear clipping.
+        """Add a polygon that the course's ear clipping triangulates.
 
         - `plane`: `[n, 2]`, float32, its vertices in user units, from which ears are chosen.
         - `points`: `[n, 2]`, the same vertices in pixels.
@@ -133,17 +143,19 @@ class DisplayList:
             self._strokes.append((draw, chain, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
-        """Add lines one pixel wide, by the course's rule, as one draw.
+        """Add lines one pixel wide, by the course's rule, as one shape.
 
-        `segments` is `[k, 4]`: (x0, y0, x1, y1) in pixels. Each line is drawn over the ones before.
+        `segments` is `[k, 4]`: (x0, y0, x1, y1) in pixels. Each line is drawn over the ones before
+        it.
         """
         self.budget.charge("points", len(segments))
         self._hairlines.append((self._new_draw(color), segments))
 
     def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
-        """Add rectangles of whole pixels, each as a separate draw with one of the colours `[k, 4]`.
+        """Add rectangles of whole pixels, each as a separate shape.
 
-        `rectangles` is `[k, 4]`: (x0, y0, x1, y1) in pixels, where x1 and y1 are exclusive.
+        - `rectangles`: `[k, 4]`, (x0, y0, x1, y1) in pixels, where x1 and y1 are exclusive.
+        - `colors`: `[k, 4]`, one for each rectangle.
         """
         # The number of triangles that `_rectangles` will make.
         self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
@@ -155,8 +167,8 @@ class DisplayList:
     def finish(self, height: int, width: int) -> Triangles:
         """Triangulate all shapes; returns their triangles in draw order.
 
-        `height` and `width` are the size of the canvas in pixels, which bounds the course's lines.
-        Other shapes are not cut at its border.
+        `height` and `width` are the size of the canvas in pixels. The course's lines are drawn only
+        on the canvas; other shapes are not cut at its border.
 
         Raises `ValueError` for coordinates and colours that are not finite in float32, for a stroke
         that its map sends to infinity, and for work beyond the budget.
@@ -178,9 +190,10 @@ class DisplayList:
         return in_draw_order(batches, self._color_table(), texture)
 
     def _color_table(self) -> np.ndarray:
-        """Colours of all draws, `[draws, 1 or 3, 4]`, float32; one per corner if any draw needs it.
+        """Colours of all shapes in draw order, `[shapes, 1 or 3, 4]`, float32.
 
-        Raises `ValueError` for a colour that is not finite in float32.
+        There is one colour per corner if any shape needs it. Raises `ValueError` for a colour that
+        is not finite in float32.
         """
         if not any(isinstance(color, np.ndarray) for color in self._colors):
             table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
@@ -194,19 +207,29 @@ class DisplayList:
         return self._float32(table, np.arange(len(table)), "a colour")
 
     def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
-        """Whether the alpha of each of these draws is below 1. Each must have a single colour."""
+        """Whether the alpha of each of these shapes is below 1.
+
+        `draws` are indices in draw order of shapes that have a single colour each.
+        """
         return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> Batch:
+        """A batch of triangles with a single colour per shape, and corners rounded to float32.
+
+        `draw` has the index in draw order of the shape of each triangle.
+        """
         return Batch(draw, self._float32(corners, draw))
 
     def _float32(
         self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
     ) -> np.ndarray:
-        """Round values `[k, ...]` to float32; row i belongs to the draw `draws[i]`.
+        """Round values `[k, ...]` to float32.
 
-        Raises `SvgError` if a value is then not finite. The error names the line of the first such
-        draw, and calls the value `noun`.
+        - `draws`: for row i of `values`, the index in draw order of the shape to which it belongs.
+        - `noun`: what errors call a value.
+
+        Raises `SvgError` if a rounded value is not finite. The error names the line of the first
+        shape with such a value.
         """
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32)
@@ -216,9 +239,11 @@ class DisplayList:
         return rounded
 
     def _error(self, draw: int, message: str) -> SvgError:
+        """Make an error about the shape with the index `draw`, which names the shape's line."""
         return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
 
     def _from_triangles(self) -> Batch | None:
+        """Collect the shapes of `add_triangles` and `add_textured`; None if there are none."""
         if not self._triangles:
             return None
         draw, corners, uvs = zip(*self._triangles, strict=True)
@@ -231,6 +256,7 @@ class DisplayList:
         )
 
     def _from_polygons(self) -> Batch | None:
+        """Triangulate the shapes from `add_polygon`; None if there are none."""
         if not self._polygons:
             return None
         draw, contours, evenodd = zip(*self._polygons, strict=True)
@@ -247,6 +273,7 @@ class DisplayList:
         return self._batch(draw[owner], corners)
 
     def _from_regions(self) -> Batch | None:
+        """Triangulate the shapes from `add_region`; None if there are none."""
         if not self._regions:
             return None
         draw, regions, paints = zip(*self._regions, strict=True)
@@ -271,6 +298,7 @@ class DisplayList:
         return batch._replace(uv=self._float32(uv, batch.draw, "a texture coordinate"))
 
     def _from_ears(self) -> Batch | None:
+        """Triangulate the shapes from `add_ears`; None if there are none."""
         if not self._ears:
             return None
         draw, planes, contours = zip(*self._ears, strict=True)
@@ -291,6 +319,7 @@ class DisplayList:
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
 
     def _from_strokes(self) -> Batch | None:
+        """Triangulate the shapes from `add_stroke`; None if there are none."""
         if not self._strokes:
             return None
         draw, outlines, maps = zip(*self._strokes, strict=True)
@@ -330,7 +359,7 @@ class DisplayList:
         - `maps`: `[outlines, 3, 3]`, homogeneous map of each outline to pixels.
         - `corners`: `[t, 3, 2]`, in the units of the outlines.
         - `owner`: `[t]`, index of the outline of each triangle.
-        - `draw`: `[outlines]`, draw of each outline, for errors.
+        - `draw`: `[outlines]`, index in draw order of the shape of each outline, for errors.
 
         Raises `SvgError` for points at infinity, or that are not finite in float32.
         """
@@ -346,6 +375,7 @@ class DisplayList:
         return mapped
 
     def _from_hairlines(self, height: int, width: int) -> Batch | None:
+        """Cover the lines from `add_hairlines` with rectangles; None if there are none."""
         if not self._hairlines:
             return None
         draw, segments = zip(*self._hairlines, strict=True)
@@ -359,6 +389,7 @@ class DisplayList:
         return self._rectangles(draw[line], rectangles)
 
     def _from_pixels(self) -> Batch | None:
+        """Triangulate the rectangles from `add_pixels`; None if there are none."""
         if not self._pixels:
             return None
         draw, rectangles = zip(*self._pixels, strict=True)
@@ -367,8 +398,8 @@ class DisplayList:
     def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> Batch:
         """Divide rectangles `[k, 4]` into two triangles each, or four if they are translucent.
 
-        `draw` `[k]` is the draw of each rectangle. The docstring of `polygons.py` says why
-        translucent rectangles need more triangles.
+        `draw` `[k]` is the index in draw order of the shape of each rectangle. The docstring of
+        `polygons.py` says why translucent rectangles need more triangles.
         """
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)

@@ -27,10 +27,10 @@ gap is a twentieth of the tolerance of curves.
 class Item(NamedTuple):
     """A shapely (multi)polygon in pixels, and its paint.
 
-    - `source`: index in `Painter.sources` of the filled shape that the region is a part of; -1 if
-      it is not part of a fill, or if sources are not kept.
-    - `family`: number shared by items that are known not to overlap each other; -1 for an item that
-      may overlap any other.
+    - `source`: index in `Painter.sources` of the filled shape that the region belongs to; -1 if it
+      does not belong to a fill, or if sources are not stored.
+    - `family`: a number that items share if they are known not to overlap each other; -1 for an
+      item that may overlap any other.
     """
 
     region: Any
@@ -42,8 +42,8 @@ class Item(NamedTuple):
 def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
     """Divide the items of a group into cells that do not overlap.
 
-    `items` are in draw order, back to front. Returns the cells, and whether the colours of all of
-    them are exact.
+    `items` are in draw order, back to front. Returns the cells, and whether the colours of all
+    cells are exact.
     """
     neighbours = _overlapping(items, budget)
     if not any(len(in_front) for in_front in neighbours):
@@ -122,8 +122,8 @@ def _blend(
       `cells[behind]`, and appended to `cells[index]` with the blended colours.
     - `behind`, `index`: indices of the item behind, and of `item` itself.
 
-    Returns the part of `uncovered` that covers none of these cells either, and whether the blended
-    colours are exact.
+    Returns the part of `uncovered` that covers no cell of the item behind either, and whether the
+    blended colours are exact.
     """
     remaining_cells, is_exact = [], True
     for cell in cells[behind]:

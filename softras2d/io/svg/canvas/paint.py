@@ -1,4 +1,4 @@
-"""Paints of regions: colours that are an affine function of the position, and textures.
+"""Defines the paint of a region: colours, as an affine function of the position, and a texture.
 
 The stops of a gradient are defined here too, since `Page` stores them and cannot import the folder
 `painting`.
@@ -15,11 +15,12 @@ from ..values.css_color import Rgba
 class Paint(NamedTuple):
     """The colours of a region, as an affine function of the position, and its texture.
 
-    - `color`: `[4, 3]`, maps `(x, y, 1)` in pixels to sRGB with straight alpha, by which the colour
-      of the texture is multiplied.
-    - `uv`: `[2, 3]`, maps `(x, y, 1)` in pixels to texture coordinates; None without a texture.
+    - `color`: maps `(x, y, 1)` in pixels to sRGB with straight alpha. The texture, if there is one,
+      is multiplied by this colour.
+    - `uv`: maps `(x, y, 1)` in pixels to texture coordinates; None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: whether a texture has an alpha channel, or is drawn with an opacity below 1.
+    - `has_alpha`: whether there is a texture that has an alpha channel, or that is drawn with an
+      opacity below 1.
     """
 
     color: Float[np.ndarray, "4 3"]
@@ -49,7 +50,10 @@ class Paint(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """A colour of a gradient: sRGB with straight alpha, `[4]`, at the position `offset` in 0..1."""
+    """A stop of a gradient: its position `offset` in 0..1, and its colour there.
+
+    `color` is sRGB with straight alpha, `[4]`.
+    """
 
     offset: float
     color: np.ndarray

@@ -1,4 +1,4 @@
-"""Holds how an element is drawn: its map to pixels, its clip, and what receives its shapes."""
+"""Defines the placement of an element: its map to pixels, its clip, and the sink of its shapes."""
 
 from typing import Any, NamedTuple
 
@@ -9,9 +9,9 @@ from .sinks import Sink
 
 
 class Placement(NamedTuple):
-    """Map, clip and receiver with which an element is drawn.
+    """Map, clip and sink with which an element is drawn.
 
-    - `map3`: homogeneous map `[3, 3]` from the element's units to pixels.
+    - `map3`: homogeneous map `[3, 3]` from the element's user units to pixels.
     - `scale`: largest stretch of `map3`, in pixels per unit.
     - `clip`: shapely region in pixels to which shapes are clipped; None for the whole plane.
     - `sink`: receives the shapes: the canvas, or the layer of a group.
@@ -44,7 +44,7 @@ class Placement(NamedTuple):
 
 
 def make_placement(map3: np.ndarray, clip: Any, sink: Sink) -> Placement:
-    """The placement with this map, whose scale is computed. Raises `ValueError` if not finite."""
+    """Make a placement, and compute its `scale`. Raises `ValueError` if `map3` is not finite."""
     if not np.isfinite(map3).all():
         raise ValueError("transform: the numbers are too large to be finite.")
     scale = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))

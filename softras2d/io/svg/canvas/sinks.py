@@ -1,4 +1,4 @@
-"""Receives painted shapes: the canvas draws them at once, a layer collects them for a group."""
+"""Defines what receives painted shapes: a canvas draws them, a layer collects those of a group."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -35,7 +35,7 @@ class Textured(NamedTuple):
 
 @runtime_checkable
 class Sink(Protocol):
-    """Receives the shapes of a drawing, in draw order.
+    """The interface of objects that receive the shapes of a drawing, in draw order.
 
     Points are in pixels, unless a map is given. Colours are sRGB with straight alpha.
     """
@@ -45,7 +45,7 @@ class Sink(Protocol):
     ) -> None:
         """Add the inside of closed contours `[n, 2]`, which form one shape.
 
-        - `evenodd`: whether it is filled by the even-odd rule instead of the nonzero rule.
+        - `evenodd`: whether the shape is filled by the even-odd rule instead of the nonzero rule.
         - `source`: index of the shape in `Painter.sources`, by which its control points are looked
           up; -1 for none.
         """
@@ -71,8 +71,8 @@ class Sink(Protocol):
 class Canvas:
     """The sink that adds every shape to the display list at once.
 
-    `sources` maps the draw of a polygon or region to its source, as in `Sink.add_polygon`. Other
-    draws are not in it.
+    `sources` maps the index of a polygon or region in draw order to its index in `Painter.sources`,
+    which may be -1. Other shapes are not in it.
     """
 
     def __init__(self, display: DisplayList):
@@ -111,11 +111,11 @@ class Canvas:
 class _Call(NamedTuple):
     """A shape that a layer has received.
 
-    - `bounds`: its bounding box (x0, y0, x1, y1) in pixels, or a larger one.
+    - `bounds`: bounding box (x0, y0, x1, y1) of the shape in pixels, or a larger one.
     - `replay`: function that adds the shape to a sink, with its alpha multiplied by an opacity.
     - `items`: function that converts the shape to regions.
-    - `family`: number of the call of `add_items` that the shape comes from, counted from 1; -1 for
-      a shape from another method. Shapes of one such call do not overlap.
+    - `family`: number, from 1, of the call of `add_items` that the shape comes from; -1 for a shape
+      from another method. Shapes from one call of `add_items` do not overlap.
     """
 
     bounds: np.ndarray
@@ -125,7 +125,7 @@ class _Call(NamedTuple):
 
 
 class Layer:
-    """The sink that collects the shapes of a group, which `finish` composites as a whole.
+    """The sink that collects the shapes of a group, which `finish` composites.
 
     `budget` is charged for the regions that compositing makes.
     """
@@ -211,7 +211,7 @@ class Layer:
             )
 
     def finish(self, sink: Sink, opacity: float) -> bool:
-        """Composite the shapes as a group with an opacity, and pass the result on to a sink.
+        """Composite the collected shapes, multiply the result by `opacity`, and add it to `sink`.
 
         A shape that overlaps no other is passed on unchanged but for its alpha. Returns whether the
         colours are exact everywhere; they may not be where translucent shapes overlap. Raises
@@ -266,8 +266,8 @@ class Layer:
 def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
     """The shapely region, in pixels, that the strokes of a path cover.
 
-    `map3` maps the outlines to pixels. Raises `ValueError` for a coordinate that is not finite in
-    float32, and for work beyond the budget.
+    `map3` is the homogeneous map `[3, 3]` from the units of the outlines to pixels. Raises
+    `ValueError` for a coordinate that is not finite in float32, and for work beyond the budget.
     """
     corners, _ = stroke(outlines, budget)
     if len(corners) == 0:
@@ -280,16 +280,17 @@ def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
 
 
 def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
-    """The region of a triangle in pixels with a colour for each corner, in a list of one item.
+    """Make an item of a triangle with a colour for each corner; returns it in a list.
 
-    Returns an empty list for a triangle without area.
+    `corners` `[3, 2]` are in pixels, and `colors` `[3, 4]` are sRGB with straight alpha. Returns an
+    empty list for a triangle without area.
     """
     paint = corner_paint(corners, colors)
     return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
 
 
 def textured_items(textured: Textured) -> list[Item]:
-    """The region of a polygon with a texture, in a list of one item.
+    """Make an item of a polygon with a texture; returns it in a list.
 
     Returns an empty list if the first three vertices span no area.
     """
@@ -303,8 +304,10 @@ def textured_items(textured: Textured) -> list[Item]:
 
 
 def _with_opacity(color: Rgba, opacity: float) -> Rgba:
+    """Multiply the alpha of a colour by an opacity."""
     return (*color[:3], color[3] * opacity)
 
 
 def _bounds(points: np.ndarray) -> np.ndarray:
+    """The bounding box (x0, y0, x1, y1) of points `[n, 2]`."""
     return np.concatenate([points.min(axis=0), points.max(axis=0)])

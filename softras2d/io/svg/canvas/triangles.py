@@ -32,7 +32,7 @@ class Batch(NamedTuple):
     - `draw`: index in draw order of the shape that each triangle belongs to.
     - `corners`: in pixels.
     - `uv`: texture coordinates of the corners; None if none of these triangles has a texture.
-    - `colors`: sRGB with straight alpha at the corners; None to use the colours of each draw.
+    - `colors`: sRGB with straight alpha at the corners; None to use the colours of the shapes.
     """
 
     draw: Int[np.ndarray, " triangles"]
@@ -50,10 +50,10 @@ def in_draw_order(
 
     Triangles of one shape keep their order.
 
-    - `batches`: one batch or more, of which each has the triangles of some of the shapes.
+    - `batches`: one batch or more, each with the triangles of some of the shapes.
     - `colors`: sRGB with straight alpha for each shape in draw order, one colour per shape or one
-      per corner. A batch with colours of its own does not use it.
-    - `texture`: for each shape, its index in `Assets.textures`; -1 for a shape without texture.
+      per corner. It is not used for a batch that has `colors` of its own.
+    - `texture`: for each shape in draw order, its index in `Assets.textures`; -1 for no texture.
     """
     draw = np.concatenate([batch.draw for batch in batches])
     order = np.argsort(draw, kind="stable")

@@ -30,7 +30,7 @@ _MAX_LENGTH = 1000
 """Maximum length of a colour, in characters. Longer text is not parsed, and counts as no colour."""
 
 _MAX_NESTING = 8
-"""Maximum depth of nested brackets in a colour, since tinycss2 recurses for each."""
+"""Maximum depth of nested brackets in a colour, since tinycss2 recurses for each bracket."""
 
 _MAX_COORDINATE = 1e6
 """Maximum absolute value of coordinates in CIE and Oklab spaces.
@@ -61,6 +61,7 @@ def nesting(text: str) -> int:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(text: str) -> Rgba | str | None:
+    """Like `color_of`, for text that has no blanks around it and is not too long."""
     if nesting(text) > _MAX_NESTING:
         return None
     # For the three most common spellings, this is twenty times faster than tinycss2.
@@ -132,6 +133,7 @@ _XYZ_TO_LINEAR = (
 
 
 def _product(matrix: tuple[tuple[float, ...], ...], vector: tuple[float, ...]) -> tuple[float, ...]:
+    """The product of a 3 x 3 matrix, given as rows, with a vector."""
     return tuple(sum(a * b for a, b in zip(row, vector, strict=True)) for row in matrix)
 
 

@@ -63,9 +63,9 @@ def number_list(text: str) -> list[float]:
 
 
 def leading_numbers(text: str) -> tuple[list[float], str | None]:
-    """Parse a list of numbers up to the first error.
+    """Parse a list of numbers, by the grammar of SVG, up to the first error.
 
-    Returns the numbers, and the message of the error; None if there is no error.
+    Returns the numbers before the error, and the message of the error; None if there is no error.
     """
     try:
         return number_list(text), None
@@ -135,7 +135,8 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
     """Parse a length in any unit; returns it in px.
 
     - `full`: length of 100 %, in px; None if percentages are not allowed.
-    - `units`: sizes in px of units other than the absolute ones, such as `em`; None for no others.
+    - `units`: sizes in px of further units, such as `em`, besides the absolute ones; None for no
+      others.
 
     A number without a unit is in px. Raises `ValueError` for any other text.
     """
@@ -162,7 +163,7 @@ def is_number(text: str) -> bool:
 
 
 def fraction(text: str) -> float:
-    """Parse an opacity or an offset, a number or a percentage, and clamp it to 0..1.
+    """Parse an opacity or an offset, which is a number or a percentage, and clamp it to 0..1.
 
     Raises `ValueError` for any other text.
     """
@@ -194,8 +195,8 @@ def finite32(text: str) -> float:
 def _infinity_or_nan(text: str) -> str | None:
     """The first word in a text that means NaN or infinity, quoted for an error message.
 
-    Returns None if there is none. If reading stopped at such a word without an error, a fault of
-    the program that wrote the file would remain hidden.
+    Returns None if there is no such word. If the course's functions stopped at one without an
+    error, a fault of the program that wrote the file would remain hidden.
     """
     match = _NOT_FINITE.search(text)
     return _excerpt(match[0]) if match else None

@@ -20,18 +20,20 @@ _RUN = re.compile(rf"(?:{NUMBER}{_SEPARATOR})*+")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 
 _SAME_POINT = 1e-9
-"""Largest difference of coordinates between points that count as one.
+"""Largest difference of coordinates between points that count as one point.
 
 It is a fraction of the largest absolute coordinate of the subpath.
 """
 
 _ARGUMENTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "A": 7, "Z": 0}
+"""Number of arguments of each command of path data."""
 
 
 def parse_path_data(text: str) -> tuple[Path, str | None]:
-    """Parse path data, up to the first error.
+    """Parse path data up to the first error.
 
-    Returns the path, in user units, and the message of the error; None if there is no error.
+    Returns the path before the error, in user units, and the message of the error; None if there is
+    no error.
 
     **Source:** SVG 2, section 9.3.9 (grammar) and 9.5.4 (error handling).
     """
@@ -48,8 +50,8 @@ def parse_path_data(text: str) -> tuple[Path, str | None]:
 def _checked(text: str) -> tuple[str, str | None]:
     """Check path data against SVG's grammar.
 
-    Returns the longest valid beginning, rewritten so that fontTools can read it, and the message of
-    the error that follows it; None if there is no error.
+    Returns the longest valid beginning of the text, rewritten so that fontTools can read it, and
+    the message of the error that follows; None if there is no error.
     """
     if text.strip() == "none":
         return "", None
@@ -73,14 +75,14 @@ def _checked(text: str) -> tuple[str, str | None]:
 
 
 def _arguments(text: str, position: int) -> tuple[list[str], int]:
-    """The numbers in a text from a position on, as text, and the position after the last."""
+    """The numbers in a text from `position` on, each as text, and the position after the last."""
     run = _RUN.match(text, position)
     assert run is not None, "a run may be empty"
     return _ARGUMENT.findall(run[0]), run.end()
 
 
 def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
-    """Like `_arguments` for the command `A`, whose two flags need no separator after them."""
+    """Like `_arguments`, for the command `A`, whose two flags need no separator after them."""
     arguments: list[str] = []
     while True:
         pattern = _FLAG if len(arguments) % 7 in (3, 4) else _ARGUMENT
@@ -92,6 +94,7 @@ def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
 
 
 def _joined(words: list[str]) -> str:
+    """Join commands and numbers with blanks, in spellings that fontTools reads."""
     # fontTools misreads other spellings, such as `1.` and `007`, and is slow for long numbers.
     # Python reads and rewrites all of these.
     is_plain = _PLAIN_WORD.match
@@ -105,7 +108,7 @@ _PLAIN_WORD = re.compile(r"(?:-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+|[A-Za-z])\Z")
 
 
 class PathPen:
-    """A pen of fontTools that builds a `Path`: it receives segments in absolute coordinates."""
+    """A pen of fontTools that builds a `Path`. It receives segments in absolute coordinates."""
 
     def __init__(self):
         self.path = Path()
@@ -139,8 +142,11 @@ class PathPen:
     ) -> None:
         """Add an elliptical arc from the current point.
 
-        `rotation` is the angle between the x axis and the axis of `rx`, in degrees. An arc becomes
-        a line if a radius is zero or its ends are equal.
+        - `rx`, `ry`: lengths of the half axes.
+        - `rotation`: angle between the x axis and the axis of `rx`, in degrees.
+        - `large`, `sweep`: the flags of the path command `A`.
+
+        An arc becomes a line if a radius is zero or if its ends are equal.
         """
         subpath = self.path.subpaths[-1]
         start = self.path.points[_last(subpath)]
@@ -151,7 +157,10 @@ class PathPen:
             subpath.segments.append(Arc(self.path.add_point(*end), *ellipse))
 
     def closePath(self) -> None:
-        """Close the subpath."""
+        """Close the subpath.
+
+        If its last segment ends where it starts, start and end become one control point.
+        """
         subpath = self.path.subpaths[-1]
         subpath.closed = True
         last = _last(subpath)
@@ -167,7 +176,7 @@ class PathPen:
         del self.path.points[last:]
 
     def _is_at_start(self, subpath: Subpath, index: int) -> bool:
-        """Whether the point of an index equals the start of a subpath, up to rounding.
+        """Whether the point with an index equals the start of a subpath, up to rounding.
 
         Relative commands accumulate rounding errors.
         """
@@ -181,6 +190,7 @@ class PathPen:
         """Leave the subpath open."""
 
     def _add(self, *points: tuple[float, float]) -> None:
+        """Add a segment from the current point, with these further control points."""
         indices = tuple(self.path.add_point(*point) for point in points)
         self.path.subpaths[-1].segments.append(indices)
 
@@ -193,7 +203,7 @@ def _last(subpath: Subpath) -> int:
 
 
 def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
-    """The path of straight lines through points `(x, y)`; `closed` joins the last to the first."""
+    """The path of straight lines through `points`. `closed` joins the last point to the first."""
     path = Path(points=list(points))
     if points:
         path.subpaths.append(Subpath(0, [(k,) for k in range(1, len(points))], closed))
@@ -201,10 +211,11 @@ def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
 
 
 def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: float) -> Path:
-    """The path of a rectangle, clockwise from its top left corner.
+    """The path of a rectangle, clockwise on the screen from its top left corner.
 
-    `x` and `y` are this corner. `rx` and `ry` are the radii of rounded corners, at most half of the
-    sides; corners are sharp if either is 0.
+    - `x`, `y`: the top left corner.
+    - `rx`, `ry`: radii of rounded corners, at most half of the sides. Corners are sharp if either
+      is 0.
 
     **Source:** SVG 2, section 10.2.
     """
@@ -227,9 +238,9 @@ def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: fl
 
 
 def ellipse_path(cx: float, cy: float, rx: float, ry: float) -> Path:
-    """The path of an ellipse about `(cx, cy)` with radii `rx` and `ry`.
+    """The path of an ellipse around `(cx, cy)` with radii `rx` and `ry`.
 
-    It runs clockwise from the rightmost point.
+    It runs clockwise on the screen from the rightmost point.
 
     **Source:** SVG 2, sections 10.3 and 10.4.
     """
@@ -243,6 +254,9 @@ def ellipse_path(cx: float, cy: float, rx: float, ry: float) -> Path:
 
 
 def _fixed(path: Path) -> Path:
-    """Mark all points of a path as no control points of the file, and return the path."""
+    """Mark all points of a path as fixed, since no attribute of the file lists them.
+
+    Returns the path.
+    """
     path.fixed = set(range(len(path.points)))
     return path

@@ -25,7 +25,7 @@ _FUNCTIONS: dict[str, tuple[tuple[int, ...], Callable[..., np.ndarray]]] = {
 def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
     """Parse an SVG transform list; returns its matrix, which maps columns (x, y, 1) in user units.
 
-    Text that is empty or `none` is the identity. Raises `ValueError` for text that is no list.
+    Text that is empty or `none` gives the identity. Raises `ValueError` for text that is no list.
 
     **Source:** *CSS Transforms 1*, "The SVG `transform` attribute".
     """
@@ -54,8 +54,8 @@ def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.nd
     """Parse a transform list as the course does; returns its matrix.
 
     Exactly one character is skipped after each `)`. If a function has two blanks before it, its
-    name therefore begins with a blank, and is unknown. `unknown` is called with each unknown name,
-    and the function has no effect.
+    name therefore begins with a blank, and is unknown. An unknown function has no effect, and
+    `unknown` is called with its name.
 
     Raises `ValueError` for a missing `)`, for `matrix` with fewer than 6 numbers, and for numbers
     that are not finite in float32.
@@ -76,7 +76,10 @@ def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.nd
 
 
 def _course_function(name: str, text: str) -> Float64[np.ndarray, "3 3"]:
-    """The matrix of one function of the course, given the text between its parentheses.
+    """The matrix of one transform function by the course's rules.
+
+    - `name`: name of the function, a key of `_FUNCTIONS`.
+    - `text`: its arguments, the text between its parentheses.
 
     `matrix` accepts commas between its numbers, the other functions only blanks. Missing numbers
     are 0, but 1 for `scale`: `scale(2)` stretches x alone.

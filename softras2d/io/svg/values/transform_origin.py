@@ -39,6 +39,13 @@ def transform_origin(
 def _origin_along(
     word: str, keywords: Sequence[str], side: float, viewport: Viewport, font_size: float
 ) -> float:
+    """Parse one value of `transform-origin`.
+
+    Returns the distance of the origin from the left or top edge of the box, in user units.
+
+    - `keywords`: words for the start, the middle and the end of the side.
+    - `side`: length of the box along this axis, in user units.
+    """
     if word in keywords:
         return keywords.index(word) / 2 * side
     return viewport.length(word, side, font_size)

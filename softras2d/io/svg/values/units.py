@@ -1,4 +1,4 @@
-"""Resolves lengths that depend on the viewport or on the font."""
+"""Resolves lengths that are relative to the viewport or to the font."""
 
 import math
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Viewport(NamedTuple):
 
     @property
     def diagonal(self) -> float:
-        """The length, in user units, of 100 % for lengths neither horizontal nor vertical.
+        """The length of 100 %, in user units, for lengths that are neither horizontal nor vertical.
 
         **Source:** SVG 2, section 8.9.
         """
@@ -35,18 +35,19 @@ class Viewport(NamedTuple):
         """Parse the length in an attribute; returns it in user units.
 
         - `full`: length of 100 %, in user units.
-        - `font_size`: font size of the element, in user units, for `em` and its relatives.
+        - `font_size`: font size of the element, in user units, for units such as `em` and `ex`.
 
         No font is loaded: `ex` and `ch` are half of the font size, as *CSS Values 4*,
-        "Font-relative lengths", says, `cap` and `ic` are the font size, and `lh` is 1.2 times it.
-        Raises `ValueError` for any other text.
+        "Font-relative lengths", says, `cap` and `ic` are the font size, and `lh` is 1.2 times the
+        font size. Raises `ValueError` for any other text.
         """
         return length(text, full, self._relative_units(font_size))
 
     def css_length(self, text: str, full: float, font_size: float) -> float:
-        """Parse a length in CSS, like `length`, but raise `ValueError` for a number without a unit.
+        """Parse a length in CSS; returns it in user units.
 
-        Only 0 needs no unit.
+        Other than in an attribute, a number without a unit raises `ValueError`, unless it is 0. The
+        arguments are as for `length`.
         """
         value = self.length(text, full, font_size)
         if value and is_number(text):
@@ -54,6 +55,7 @@ class Viewport(NamedTuple):
         return value
 
     def _relative_units(self, font_size: float) -> dict[str, float]:
+        """Length, in user units, of each unit that is relative to the font or to the page."""
         width, height = self.page_width / 100, self.page_height / 100
         root = self.root_font_size
         return {

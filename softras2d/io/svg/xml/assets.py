@@ -16,9 +16,9 @@ _DATA = re.compile(r"data:(image/[^;,]*+)?+(?:;(?!base64,)[^;,]*+)*+;base64,")
 
 
 class Assets:
-    """The images of a document, in sRGB with straight alpha. Each is read once, on first use.
+    """The images to which a document refers, in sRGB with straight alpha. Each is read once.
 
-    - `folder`: folder of the document, to which names are relative; None to use `root`.
+    - `folder`: folder of the document, to which names of files are relative; None to use `root`.
     - `root`: folder that must contain every file, after symbolic links are resolved; None to use
       `folder`. If both are None, no file is read, only `data:` URIs.
     - `alpha`: whether textures keep an alpha channel. One that is 1 everywhere is always dropped.
@@ -40,16 +40,16 @@ class Assets:
         self.textures: list[np.ndarray] = []
 
     def declare(self, texid: str, filename: str) -> None:
-        """Let `texid` name a file, for the method `texture`; the file is not read yet.
+        """Give the texture in the file `filename` the name `texid`. The file is not read yet.
 
         Raises `ValueError` for a file that does not exist or may not be read.
         """
         self._declared[texid] = self._path(filename)
 
     def texture(self, texid: str) -> int:
-        """Index in `textures` of the texture that was declared as `texid`.
+        """Index in `textures` of the texture that `declare` has named `texid`.
 
-        Raises `ValueError` if none was, or if its file cannot be read.
+        Raises `ValueError` if no texture has this name, or if its file cannot be read.
         """
         if texid not in self._declared:
             raise ValueError(f"no texture {texid!r} is declared before it.")
@@ -58,7 +58,7 @@ class Assets:
     def linked(self, href: str) -> int:
         """Index in `textures` of the image to which the `href` of an `image` element refers.
 
-        Raises `ValueError` for an image that cannot be read. Reading it is tried only once.
+        Raises `ValueError` for an image that cannot be read. It is not tried a second time.
         """
         if href in self._unreadable:
             raise ValueError(self._unreadable[href])
@@ -73,8 +73,8 @@ class Assets:
     def picture(self, href: str) -> np.ndarray:
         """The pixels `[height, width, 3 or 4]` of the image to which an `href` refers.
 
-        Unlike `linked`, this does not make it a texture. Raises `ValueError` for an image that
-        cannot be read.
+        Unlike `linked`, this method does not append the image to `textures`. Raises `ValueError`
+        for an image that cannot be read.
         """
         return self._read(self._key(href))
 
@@ -89,6 +89,10 @@ class Assets:
         return self._path(unquote(href.strip()))
 
     def _index(self, key: Path | str) -> int:
+        """Index in `textures` of the image with this key, which is appended at its first use.
+
+        `key` is a result of `_key`.
+        """
         if key not in self._indices:
             picture = self._read(key)
             if picture.shape[-1] == 4 and (not self._alpha or (picture[..., 3] == 1).all()):
@@ -98,6 +102,7 @@ class Assets:
         return self._indices[key]
 
     def _read(self, key: Path | str) -> np.ndarray:
+        """The pixels of the image with this key of `_key`, which is read at its first use."""
         # Imported here, since scenes without images need no image library.
         from ...images import read_charged
 
@@ -115,7 +120,10 @@ class Assets:
         self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
-        """The absolute path of a file; raises `ValueError` unless it exists inside the root."""
+        """The absolute path of the file `name`.
+
+        Raises `ValueError` unless the file exists and lies in the folder `root`.
+        """
         if not name:
             raise ValueError("no file is named.")
         if _SCHEME.match(name):

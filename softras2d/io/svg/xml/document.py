@@ -45,7 +45,7 @@ class Document(NamedTuple):
     """A document before it is parsed.
 
     - `data`: its bytes, decompressed.
-    - `name`: its name in errors and warnings.
+    - `name`: name of the document in errors and warnings.
     - `folder`: folder to which names of image files are relative; None for a document that is not
       from a file.
     """
@@ -56,7 +56,7 @@ class Document(NamedTuple):
 
 
 class Children(enum.Enum):
-    """How the children of an element are treated."""
+    """How `walk` treats the children of an element."""
 
     READ = "opened and closed like any element"
     NAMED = "not opened; direct children are passed to `Reader.inside`"
@@ -68,9 +68,9 @@ class Reader(Protocol):
     """Receives the elements of a document from `walk`, in document order."""
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
-        """An element begins. Returns how its children are treated.
+        """Called at the start of an element. Returns how `walk` treats the element's children.
 
-        - `tag`: its name, with its prefix as in the document.
+        - `tag`: name of the element, with its prefix as in the document.
         - `line`: line number of its start tag.
 
         A `ValueError` becomes an `SvgError` with the line and the tag.
@@ -78,14 +78,15 @@ class Reader(Protocol):
         ...
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """A direct child begins of an element whose children are `Children.NAMED`."""
+        """Called at the start of each direct child of an element.
+
+        Only children of an element for which `open` returned `Children.NAMED` are passed. The
+        arguments are as for `open`.
+        """
         ...
 
     def close(self) -> None:
-        """The innermost element whose children are `Children.READ` ends.
-
-        It is not called for an element whose children are not read.
-        """
+        """Called at the end of an element for which `open` returned `Children.READ`."""
         ...
 
 
@@ -94,7 +95,7 @@ class TextReader(Reader, Protocol):
     """A reader that also receives the text between tags."""
 
     def text(self, text: str) -> None:
-        """Character data in the innermost open element, possibly one piece of several."""
+        """Called with text in the innermost open element, which may be one piece of several."""
         ...
 
 
@@ -106,7 +107,7 @@ class SvgError(ValueError):
 
 
 def in_one_line(text: str) -> str:
-    """Replace the line breaks in a text, which attributes may contain, by blanks."""
+    """Replace each line break in a text by a blank, since attributes may contain line breaks."""
     return " ".join(text.splitlines())
 
 
@@ -127,7 +128,7 @@ def load(path: str | os.PathLike[str]) -> Document:
 
 
 def from_text(text: str | bytes, name: str) -> Document:
-    """Make a document of a string; errors call it `name`.
+    """Make a document of its text; errors call the document `name`.
 
     Bytes may be compressed. Raises `SvgError` for a document that is too large, or that cannot be
     decompressed.
@@ -136,6 +137,10 @@ def from_text(text: str | bytes, name: str) -> Document:
 
 
 def _checked(document: Document) -> Document:
+    """Return a document, decompressed if it is compressed.
+
+    Raises `SvgError` if it is larger than `MAX_BYTES`, or cannot be decompressed.
+    """
     if len(document.data) > MAX_BYTES:
         raise SvgError(f"{document.name}: larger than {MAX_BYTES >> 20} MB, the most that is read.")
     if document.data[:2] == b"\x1f\x8b":
@@ -162,7 +167,7 @@ def _unpacked(document: Document) -> bytes:
 
 
 LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.ShapelyError)
-"""Errors besides `ValueError` that extreme values may cause in libraries."""
+"""Errors other than `ValueError` that libraries may raise for extreme values."""
 
 
 _MAX_REASON = 500
@@ -194,11 +199,11 @@ def walk(
     """Parse a document, and pass every element to `reader`, in document order.
 
     - `budget`: charged for attributes; None for a new budget.
-    - `with_text`: whether character data is passed on too, and short entities may be declared.
+    - `with_text`: whether text between tags is passed on too, and short entities may be declared.
       `reader` must then be a `TextReader`.
 
-    Raises `SvgError`, one line with name, line number and message, for errors in the XML, for
-    `ValueError`s of `reader`, and for work beyond the budget.
+    Raises `SvgError`, one line with name, line number and message, for errors in the XML, for a
+    `ValueError` or library error of `reader`, and for work beyond the budget.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
@@ -252,7 +257,7 @@ class _RootRead(Exception):
 def root(document: Document) -> tuple[str, Attributes]:
     """Name and attributes of the root element. The rest of the document is not parsed.
 
-    Raises `SvgError` for errors in the XML up to there.
+    Raises `SvgError` for an error in the XML that comes before the end of the root's start tag.
     """
     parser = expat.ParserCreate()
     elements: list[tuple[str, Attributes]] = []
@@ -271,7 +276,8 @@ def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool 
     """Parse a document with a parser whose element handlers are set.
 
     `with_entities` says whether short entities may be declared. Raises `SvgError` for errors in the
-    XML, for entities that are not allowed, and for a text that cannot be decoded.
+    XML, for entities that are not allowed, for too many attribute defaults, and for a text that
+    cannot be decoded.
     """
 
     def refuse(problem: str) -> NoReturn:

@@ -1,7 +1,8 @@
 """Collects notices about what is not drawn as the standard says, for one warning at the end.
 
-Every notice has a kind, which is one of the four constants below. It names an element and a line,
-and the attribute or property that is the cause, unless that is the element itself.
+Every notice has a kind: `NOT_DRAWN`, `WITHOUT_EFFECT`, `INVALID` or `APPROXIMATE`. It names an
+element and a line. It also names the attribute or property that is the cause, unless the cause is
+the element itself.
 """
 
 import re
@@ -42,7 +43,10 @@ def kind_of_refused(value: str) -> str:
 
 
 class _Cause(NamedTuple):
-    """The kind, element and attribute of notices that are counted together."""
+    """The kind, element and attribute of a notice. Notices of the same cause are counted together.
+
+    `element` is the tag of the element, so that elements of one name share a cause.
+    """
 
     kind: str
     element: str
@@ -50,10 +54,12 @@ class _Cause(NamedTuple):
 
 
 class Notices:
-    """Counts notices by their cause, and stores the line and the detail of the first of each.
+    """Counts the notices about a document by cause: kind of notice, name of element, attribute.
+
+    For each cause, it stores the line and the detail of the first notice.
 
     - `name`: name of the document, for messages.
-    - `strict`: whether `add` raises an error instead.
+    - `strict`: whether `add` raises an error instead of counting.
     """
 
     def __init__(self, name: str, strict: bool):
@@ -67,12 +73,13 @@ class Notices:
     ) -> None:
         """Count a notice.
 
-        - `kind`: one of the constants above.
+        - `kind`: `NOT_DRAWN`, `WITHOUT_EFFECT`, `INVALID` or `APPROXIMATE`.
         - `element`, `line`: tag and line number of the element.
-        - `attribute`: the attribute or property that is the cause; None if it is the element.
+        - `attribute`: the attribute or property that is the cause; None if the cause is the
+          element.
         - `detail`: the value of the attribute, or what is wrong with it; may be empty.
 
-        Raises `SvgError` if notices are errors.
+        Raises `SvgError` instead if the notices are `strict`.
         """
         detail = detail.removeprefix(f"{attribute}: ").rstrip(".")
         cause = _Cause(kind, element[:60], attribute and attribute[:60])
@@ -93,6 +100,7 @@ class Notices:
         return in_one_line(f"{self._name}: {'; '.join(self._parts())}.")
 
     def _parts(self) -> Iterator[str]:
+        """Yield the text about each kind of notice that has been added, with its causes."""
         for kind in (NOT_DRAWN, WITHOUT_EFFECT, APPROXIMATE, INVALID):
             causes = [cause for cause in self._counts if cause.kind == kind]
             names = [self._named(cause) for cause in causes[:MAX_NAMES]]
@@ -102,6 +110,7 @@ class Notices:
                 yield f"{kind}: {', '.join(names)}"
 
     def _named(self, cause: _Cause) -> str:
+        """Describe a cause: its attribute and element, the count, and the line of the first."""
         count, first = self._counts[cause], self._first[cause]
         name = f"<{cause.element}>"
         if cause.attribute:

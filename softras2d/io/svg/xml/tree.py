@@ -14,7 +14,10 @@ _XLINK = "http://www.w3.org/1999/xlink"
 _XML = "http://www.w3.org/XML/1998/namespace"
 
 _MAX_PREFIXES = 256
-"""Maximum number of namespace prefixes in one scope, which is copied whenever it grows."""
+"""Maximum number of namespace prefixes that are known inside of an element.
+
+The table of prefixes is copied whenever an element declares another one.
+"""
 
 
 class Element:
@@ -27,11 +30,11 @@ class Element:
     - `tag`: the name as written, for messages.
     - `attrib`: values of attributes without a namespace, and `href` of XLink if there is no other
       `href`.
-    - `parent`: the element that contains it; None for the root.
+    - `parent`: the element that contains this one; None for the root.
     - `line`: line number of the start tag.
-    - `children`: the elements directly inside it, in document order.
+    - `children`: the elements directly inside this one, in document order.
     - `texts`: character data directly inside a `<style>`, in pieces; empty for other elements.
-    - `index`: its index in the `children` of its parent; 0 for the root.
+    - `index`: index of this element in the `children` of its parent; 0 for the root.
     """
 
     __slots__ = ("attrib", "children", "index", "line", "name", "parent", "tag", "texts")
@@ -57,6 +60,7 @@ class Element:
 
     @property
     def etree_element(self) -> "Element":
+        """The element itself, which cssselect2 uses as the identity of an element."""
         return self
 
     @property
@@ -85,6 +89,7 @@ class Element:
 
     @property
     def etree_siblings(self) -> list["Element"]:
+        """The children of the parent, including this element; the root has no others."""
         return [self] if self.parent is None else self.parent.children
 
     @property
@@ -93,10 +98,12 @@ class Element:
 
     @property
     def previous(self) -> "Element | None":
+        """The sibling directly before this element; None for the first child."""
         return self.etree_siblings[self.index - 1] if self.index else None
 
     @property
     def previous_siblings(self) -> Iterator["Element"]:
+        """The siblings before this element, in document order."""
         siblings = self.etree_siblings
         return (siblings[index] for index in range(self.index))
 
@@ -104,7 +111,8 @@ class Element:
 def read_tree(document: Document, budget: Budget) -> Element:
     """Parse a document; returns its root, which is `<svg>`.
 
-    Raises `SvgError` like `walk`, for another root, and for more elements than the budget allows.
+    Raises `SvgError` as `walk` does, for a root that is not `<svg>`, and for more elements than the
+    budget allows.
     """
     builder = _TreeBuilder(budget)
     walk(document, builder, budget, with_text=True)
@@ -113,7 +121,7 @@ def read_tree(document: Document, budget: Budget) -> Element:
 
 
 class _TreeBuilder:
-    """Builds the tree from the elements that `walk` passes on."""
+    """A `TextReader` that builds the tree of a document, whose root is then `root`."""
 
     def __init__(self, budget: Budget):
         self.root: Element | None = None
@@ -121,7 +129,10 @@ class _TreeBuilder:
         self._open: list[tuple[Element, dict[str, str]]] = []
 
     def open(self, tag: str, attributes: Attributes, line: int) -> Children:
-        """Add an element to the children of the innermost open one, and open it."""
+        """Add an element to the children of the innermost open element, and open it.
+
+        Raises `ValueError` for a root that is not `<svg>`, and for too many namespaces or elements.
+        """
         self._budget.charge("elements", 1)
         parent, scope = self._open[-1] if self._open else (None, {"xml": _XML})
         declared = {
@@ -148,7 +159,7 @@ class _TreeBuilder:
         return Children.READ
 
     def text(self, text: str) -> None:
-        """Add character data to the innermost open element, if it is a style sheet."""
+        """Add text to the innermost open element, if that is a style sheet."""
         if self._open and self._open[-1][0].name == "style":
             self._open[-1][0].texts.append(text)
 
@@ -161,9 +172,9 @@ class _TreeBuilder:
 
 
 def _without_namespaces(attributes: Attributes, scope: dict[str, str]) -> Attributes:
-    """Attributes without a prefix, and `href` of XLink unless there is another `href`.
+    """The attributes without a prefix, and `href` of XLink unless there is another `href`.
 
-    `scope` maps prefixes to namespaces.
+    `scope` maps the prefixes that are known in the element to their namespaces.
     """
     if not any(":" in name for name in attributes):
         return attributes
