@@ -22,7 +22,10 @@ ANIMATED = (".gif",)
 """Suffixes that `write_animation` accepts."""
 
 _MIN_DELAY = 2
-"""Minimum time of a frame, in hundredths of a second. Browsers show shorter frames for 0.1 s."""
+"""Minimum time of a frame, in hundredths of a second.
+
+Browsers show shorter frames for 0.1 s.
+"""
 
 
 def write_animation(
@@ -39,9 +42,9 @@ def write_animation(
     - `seconds_per_frame`: time of each frame, at least 0.02, rounded to 1/100 s.
     - `hold_seconds`: additional time of the last frame, rounded to 1/100 s.
 
-    Each frame has a palette of 256 colours. It is exact if the frame has no more colours; otherwise
-    colours are reduced without dithering, so that wide smooth gradients show bands. Only the
-    rectangle that changes from frame to frame is stored.
+    Each frame has a palette of 256 colours. The palette is exact if the frame has no more colours;
+    otherwise colours are reduced without dithering, so that wide smooth gradients show bands. Of
+    each frame, only the rectangle that differs from the frame before is stored.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for another suffix
     than `.gif`, a folder that does not exist, times that GIF cannot store, no frames, and frames of
@@ -69,10 +72,10 @@ def write_animation(
 
 
 def _hundredths(name: str, seconds: float, least: int) -> int:
-    """Convert seconds to whole hundredths.
+    """Convert seconds to whole hundredths of a second.
 
-    Raises `ValueError`, which calls the argument `name`, below `least` hundredths and above
-    `gif.MAX_DELAY` hundredths.
+    Raises `ValueError`, which calls the argument `name`, for less than `least` hundredths and for
+    more than `gif.MAX_DELAY` hundredths.
     """
     # Written so that NaN is refused too.
     if not least / 100 <= seconds <= gif.MAX_DELAY / 100:
@@ -85,8 +88,9 @@ def _hundredths(name: str, seconds: float, least: int) -> int:
 def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
     """Check frames one by one; yields each as sRGB bytes, `[height, width, 3]`.
 
-    Raises `ValueError`, which names `path` and the frame, for a frame that is not a float image,
-    too large for a GIF, or not of the same shape as the first; and if there is no frame.
+    Raises `ValueError`, which names `path` and the index of the frame, for a frame that is not a
+    float image, too large for a GIF, or not of the same shape as the first frame; and if there is
+    no frame.
     """
     shape = None
     for number, frame in enumerate(frames):
@@ -105,7 +109,7 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
 
 
 def _mark_last(images: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield pairs of an image and whether it is the last. There must be at least one image."""
+    """Yield each image, and whether it is the last. There must be at least one image."""
     image = next(images)
     for following in images:
         yield image, False
@@ -120,8 +124,8 @@ def _changed_part(
 ) -> bytes:
     """Encode the smallest rectangle that turns `previous` into `image`, as a frame of a GIF.
 
-    The whole image if `previous` is None; one pixel if both are equal. `delay` is the time for
-    which the frame is shown, in hundredths of a second.
+    The rectangle is the complete image if `previous` is None, and one pixel if both images are
+    equal. `delay` is the time for which the frame is shown, in hundredths of a second.
     """
     if previous is None:
         is_changed = np.ones(image.shape[:2], bool)

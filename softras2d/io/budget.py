@@ -15,15 +15,22 @@ import numpy as np
 from jaxtyping import Int
 
 MAX_ATTRIBUTES = 2**24
-"""Attributes of all elements together, including defaults that a DTD adds. Without such defaults, a
-document of 64 MB, the largest that is read, cannot contain as many."""
+"""Attributes of all elements together, including defaults that a DTD adds.
+
+Without such defaults, a document of 64 MB, the largest that is read, cannot contain as many.
+"""
 
 MAX_ELEMENTS = 2**21
-"""Elements of a document in dialect `svg`. Each is charged twice: when it is parsed and drawn."""
+"""Elements of a document in dialect `svg`.
+
+Each is charged twice: when it is parsed and when it is drawn.
+"""
 
 MAX_COPIES = 2**17
-"""Repeated visits to elements: by `use`, by clip paths, and for bounding boxes of groups. A few
-lines can ask for any number of copies."""
+"""Repeated visits to elements: by `use`, by clip paths, and for bounding boxes of groups.
+
+A few lines can ask for any number of copies.
+"""
 
 MAX_DEFAULTS = 256
 """Attribute defaults that a DTD may declare. A default is added to every element of one name."""
@@ -32,36 +39,50 @@ MAX_POINTS = 2**22
 """Points of all polygons, polylines, lines and outlines together."""
 
 MAX_TRIANGLES = 2**21
-"""Triangles of the scene. Of a translucent stroke, the triangles before `union` count."""
+"""Triangles of the scene. For a translucent stroke, the triangles before `union` are counted."""
 
 MAX_PAIRS = 2**24
-"""Pairs of edges with overlapping bounding boxes, in all polygons together. Each must be examined
-to find crossings. Pairs of triangles of a translucent stroke take longer and count twice."""
+"""Pairs of edges with overlapping bounding boxes, in all polygons together.
+
+Each pair must be examined to detect crossings. A pair of triangles of a translucent stroke takes
+longer and counts twice.
+"""
 
 MAX_CROSSINGS = 100_000
-"""Points in which polygons cross themselves. The number of faces grows in proportion to it."""
+"""Points in which polygons cross themselves.
+
+The number of faces into which GEOS divides the polygons grows in proportion to it.
+"""
 
 MAX_EAR_TESTS = 2**27
 """Tests in ear clipping, each of which asks whether a vertex lies in the triangle of a corner."""
 
 MAX_SELECTOR_TESTS = 2**25
-"""Tests of style sheets, each of which asks whether a selector matches an element. A selector with
-descendant combinators counts once for each choice of ancestors that it may have to try."""
+"""Tests of style sheets, each of which asks whether a selector matches an element.
+
+A selector with descendant combinators counts once for each choice of ancestors that it may have to
+try.
+"""
 
 MAX_OVERLAYS = 2**24
-"""Vertices of all regions that are intersected, united or subtracted: by clip paths, gradients, and
-shapes that overlap in translucent groups. Each operation counts the vertices that it reads."""
+"""Vertices of all regions that are intersected, united or subtracted.
+
+Clip paths, gradients, and shapes that overlap in translucent groups need such operations. Each
+operation counts the vertices that it reads.
+"""
 
 MAX_STEPS = 2**26
-"""Pixels of the lines and images of dialect `course`. Of a long line, only the steps near the
-canvas count; of an image, only the pixels on the canvas."""
+"""Pixels of the lines and images of dialect `course`.
+
+Of a long line, only the steps near the canvas count; of an image, only the pixels on the canvas.
+"""
 
 MAX_TEXELS = 2**26
 """Pixels of all image files of a document together; as RGBA in float32 they take 1 GiB."""
 
 
 class _Limit(NamedTuple):
-    """A limit; `noun` is the plural for what it counts, used in errors."""
+    """A limit on one kind of work. `noun` is the plural of what it counts, used in errors."""
 
     maximum: int
     noun: str
@@ -81,6 +102,7 @@ _LIMITS = {
     "steps": _Limit(MAX_STEPS, "pixels of lines and images"),
     "texels": _Limit(MAX_TEXELS, "pixels of pictures"),
 }
+"""The limit on each kind of work, by the name that `Budget.charge` takes."""
 
 
 class BudgetError(ValueError):
@@ -126,10 +148,13 @@ class Budget:
         counts: Int[np.ndarray, " shapes"],
         indices: Sequence[int] | None = None,
     ) -> None:
-        """Charge one count of units of `kind` for each shape.
+        """Charge the number of units of `kind` that each shape needs.
+
+        - `counts`: number of units for each shape.
+        - `indices`: indices of the shapes, for errors; by default they are numbered from 0.
 
         If the total exceeds the limit, raises `BudgetError` with the index of the first shape that
-        does not fit. `indices` are the indices of the shapes; by default they are numbered from 0.
+        does not fit.
         """
         # Counts of hostile files may overflow integers. float64 is precise enough to compare them.
         totals = np.cumsum(counts, dtype=np.float64) + self._charged[kind]

@@ -14,9 +14,10 @@ The file has three parts, with little-endian numbers:
 Positions and vertex indices are integers of 32 bits. The array of positions is stored with all x
 before all y, and the array of indices with all first corners before the second and third corners.
 Both arrays are stored as differences, which are small. With implied indices, the position of the
-first corner of a triangle is subtracted from its two other corners. Otherwise the row before is
-subtracted from each row of the array. Of each array, the lowest bytes of all integers are stored
-first, then all second, third and fourth bytes, because zlib finds more repetitions in this order.
+first corner of a triangle is subtracted from the positions of the two other corners. Otherwise, the
+row before is subtracted from each row of the array. An integer n is stored as 2n if it is not
+negative, and as -2n - 1 if it is (zigzag code). Of each array, the lowest bytes of all integers are
+stored first, then all second, third and fourth bytes, because zlib compresses this order better.
 """
 
 import os
@@ -91,7 +92,7 @@ def write_compact(
 
 
 def read_compact(path: str | os.PathLike[str]) -> CompactScene:
-    """Read a file that `write_compact` wrote.
+    """Read a file that `write_compact` wrote; returns the scene and the size of its canvas.
 
     Raises `ValueError`, one line, for a file that is missing, damaged, cut short or of another
     format.
@@ -183,12 +184,15 @@ def _levels(colors: np.ndarray) -> UInt8[np.ndarray, "*shape"]:
 
 
 def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows numbers"]:
-    """Difference of each row to the row before it; the first row is unchanged."""
+    """Difference between each row and the row before it; the first row is unchanged."""
     return np.diff(rows, axis=0, prepend=0)
 
 
 def _encode_integers(integers: Int[np.ndarray, "..."]) -> bytes:
-    """Encode integers of 32 bits: the lowest byte of each, then the second bytes, and so on."""
+    """Encode integers of 32 bits, by the zigzag code that the top of this module describes.
+
+    The lowest byte of each integer comes first, then the second byte of each, and so on.
+    """
     # Zigzag: small negative numbers become small positive ones, with zeros in their high bytes.
     zigzag = (np.abs(integers) * 2 - (integers < 0)).astype("<u4")
     return zigzag.reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes()

@@ -21,7 +21,12 @@ _INK, _GREY = (0.1, 0.1, 0.12), (0.4, 0.4, 0.42)
 
 
 class _Label(NamedTuple):
-    """Text to draw: x and y of its start on the baseline, and its height `size`, in pixels."""
+    """Text to draw on a sheet.
+
+    - `left`, `baseline`: x and y of the start of the text on its baseline, in pixels.
+    - `size`: height of the text, in pixels.
+    - `color`: RGB in 0..1.
+    """
 
     left: int
     baseline: int
@@ -31,9 +36,11 @@ class _Label(NamedTuple):
 
 
 class Strip(NamedTuple):
-    """A row of images `[height, width, 3]` in 0..1 with text.
+    """A row of images with text.
 
-    The title and the line `note` are drawn above the row, and a caption below each image.
+    - `title`, `note`: two lines of text above the row.
+    - `captions`: the text below each image.
+    - `images`: `[height, width, 3]` each, in 0..1.
     """
 
     title: str
@@ -48,8 +55,8 @@ def contact_sheet(
     """Arrange strips on a light sheet, `across` strips side by side; returns its pixels, in 0..1.
 
     Images keep their size in pixels; all cells are as large as the largest image. OpenImageIO draws
-    the text, with the font in its wheels; a build of it without FreeType leaves the text out.
-    Raises `ValueError` if there is no image.
+    the text, with the font in its wheels; a build of OpenImageIO without FreeType leaves the text
+    out. Raises `ValueError` if there is no image.
     """
     images = [image for strip in strips for image in strip.images]
     if not images:

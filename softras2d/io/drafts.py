@@ -10,8 +10,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _MAX_STEM_BYTES = 80
-"""Number of bytes of a file's name that the name of its draft repeats. File systems allow 255 bytes
-for a whole name."""
+"""Number of bytes of a file's name that the name of its draft repeats.
+
+File systems allow 255 bytes for the complete name of a file.
+"""
 
 
 @contextmanager
@@ -41,7 +43,10 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def _prefix(path: Path) -> str:
-    """Start of the names of drafts of `path`. It differs between machines that share a folder."""
+    """Start of the names of all drafts of `path`.
+
+    The prefix differs between machines that share a folder.
+    """
     machine_and_name = f"{platform.node()}\0{path.name}".encode(errors="replace")
     stem = path.stem.encode(errors="replace")[:_MAX_STEM_BYTES].decode(errors="ignore")
     return f".{stem}-{zlib.crc32(machine_and_name):08x}-"

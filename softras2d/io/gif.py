@@ -29,7 +29,7 @@ _MAX_CODE = 4095
 
 
 def header(height: int, width: int) -> bytes:
-    """The bytes before the first frame of an animation of this size in pixels.
+    """The bytes before the first frame of an animation, whose size is in pixels.
 
     They request that the animation is repeated endlessly.
     """
@@ -50,7 +50,7 @@ def frame(
     - `indices`: palette index of each pixel of the rectangle.
     - `palette`: at most 256 sRGB colours.
     - `top`, `left`: row and column of the rectangle's first pixel.
-    - `delay`: time until the next frame, in hundredths of a second.
+    - `delay`: time for which the frame is shown, in hundredths of a second.
     """
     height, width = indices.shape
     graphic_control = struct.pack("<3sBHBB", b"!\xf9\x04", 1 << 2, delay, 0, 0)

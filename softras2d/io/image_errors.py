@@ -12,14 +12,16 @@ _UNREAD_KINDS = {
     }.items()
     for brand in brands
 }
-"""Formats of phones and browsers that OpenImageIO (3.2) is built without, by bytes 4 to 11.
+"""Formats of phones and browsers that OpenImageIO (3.2) is built without.
+
+Keys are bytes 4 to 11 of a file in the format.
 
 **Source:** ISO/IEC 23008-12 (HEIF), annex on brands; AV1 Image File Format, section on brands.
 """
 
 
 def unreadable_message(name: str, path: Path) -> str:
-    """Make the message about the file `path`, which OpenImageIO has just failed to open.
+    """Make the error message about the file `path`, which OpenImageIO has just failed to open.
 
     The message calls the file `name`. For HEIC and AVIF, it says to convert the file first.
     """
@@ -34,7 +36,8 @@ def unreadable_message(name: str, path: Path) -> str:
 def reason_text(message: str, path: Path) -> str:
     """The first line of a message of OpenImageIO, as ` (...)` to be appended to another message.
 
-    The path and the name of the file are removed or replaced by "it". Empty for an empty message.
+    The path and the name of the file are removed or replaced by "it". Returns an empty string for
+    an empty message.
     """
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):

@@ -1,4 +1,8 @@
-"""Image files that are being written through OpenImageIO: opened, closed, and checked."""
+"""Opens, closes and checks image files that are written through OpenImageIO.
+
+In all functions, `draft` is the file that is written first, and `path` is the file that it will
+replace, which errors name (`drafts.py`).
+"""
 
 import shutil
 from pathlib import Path
@@ -52,7 +56,7 @@ def open_output(draft: Path, path: Path, spec: Any) -> Any:
 
 
 def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None:
-    """Close the output of `open_output`; raise `ValueError` unless the file is complete.
+    """Close the result of `open_output`; raise `ValueError` unless the file is complete.
 
     `is_written` says whether everything was written so far. The error calls the file `path`.
     """

@@ -40,8 +40,8 @@ class ImageStream:
     tiled, and store a window as soon as it is written. A PNG stores rows of pixels, so a row of
     windows is collected first.
 
-    Use it in a `with` block: the file is complete at the end of a block that did not raise. Raises
-    `ValueError`, one line, as `write_image` does.
+    Use the stream in a `with` block: the file is complete at the end of a block that did not raise.
+    Raises `ValueError`, one line, as `write_image` does.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ larger images are refused before they are decoded.
 """
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
-"""For each integer format of OpenImageIO, the type in which it is read, and what means 1.0."""
+"""For each integer format of OpenImageIO, the type in which it is read, and the level of 1.0."""
 
 
 def read_image(
@@ -50,9 +50,9 @@ def read_image(
     """Read an image file as RGB, or as RGBA with straight alpha; grey is repeated to RGB.
 
     Integers become k/255 (8 bits) or k/65535 (16 bits), correctly rounded. Values are linear light
-    if `linear=True`, else sRGB. The EXIF orientation is applied. Of several images in one file, the
-    first is read. Raises `ValueError`, one line, if the file is missing, damaged or not an image,
-    for NaN and infinity, and for an image of more than `MAX_IMAGE_BYTES`, 1 GiB.
+    if `linear=True`, else sRGB. The EXIF orientation is applied. If the file has several images,
+    the first is read. Raises `ValueError`, one line, if the file is missing, damaged or not an
+    image, for NaN and infinity, and for an image of more than `MAX_IMAGE_BYTES`, 1 GiB.
     """
     return _load(Path(path), str(path), linear)
 
@@ -104,7 +104,7 @@ def decode_image(
 
 @contextmanager
 def _as_file(data: bytes) -> Iterator[Path]:
-    """Yield the path of a temporary file that contains `data`; it is removed afterwards."""
+    """Yield the path of a temporary file with the bytes `data`, which is removed afterwards."""
     # OpenImageIO reads only files from Python. It detects the format from the content.
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "image"
@@ -162,7 +162,9 @@ def _load(
 
     - `name`: what errors call the file.
     - `linear`: whether values become linear light, rather than sRGB.
-    - `charge`: called as in `read_charged`, unless it is None.
+    - `charge`: as in `read_charged`; None for no call.
+
+    Raises `ValueError` as `read_image` does.
     """
     if path.is_dir():
         raise ValueError(f"{name}: a folder, not an image.")
@@ -270,7 +272,7 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 
 
 def _is_premultiplied(path: Path, spec: Any) -> bool:
-    """Whether a file's colours are premultiplied.
+    """Whether a file's colours are premultiplied by alpha.
 
     They are in every EXR, and in a TIFF unless it declares straight alpha.
     """

@@ -11,7 +11,7 @@ WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 def check_writable_path(path: Path) -> None:
-    """Raise `ValueError` if `path` is a folder, or if its folder does not exist."""
+    """Raise `ValueError` if `path` is a folder, or if the folder of `path` does not exist."""
     if path.is_dir():
         raise ValueError(f"{path}: a folder, not a file to write.")
     if not path.parent.is_dir():

@@ -31,7 +31,7 @@ def quantized(
 
 
 def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
-    """Group more than 256 distinct colours into 256 boxes; returns the number of each one's box.
+    """Group more than 256 distinct colours into 256 boxes; returns the index of each colour's box.
 
     `counts` are the numbers of pixels of the colours. Starting with one box, the box with the
     largest squared error, summed over its pixels, is cut in two: at its mean, across the channel
@@ -57,7 +57,7 @@ def _heap_entry(
 ) -> tuple[float, int, np.ndarray, int, float]:
     """Make the heap entry of a box of colours; the box with the largest squared error comes first.
 
-    - `box`: number of the box.
+    - `box`: index of the box.
     - `members`: indices in `colors` of the colours in the box.
     - `colors`, `counts`: all colours, and the number of pixels of each.
 

@@ -1,4 +1,4 @@
-"""Checks and conversions of the values of an image, whatever file it comes from or goes to."""
+"""Checks and converts the values of an image, whatever file it comes from or goes to."""
 
 from typing import Any
 

@@ -8,7 +8,10 @@ from jaxtyping import Bool, Float
 from ..budget import Budget
 
 _DOT = 1e-6
-"""Minimum length of a dash, in periods of the pattern. With length 0, its caps had no direction."""
+"""Minimum length of a dash, in periods of the pattern.
+
+The caps of a dash of length 0 would have no direction.
+"""
 
 
 def dashes(
@@ -19,7 +22,7 @@ def dashes(
     offset: float,
     budget: Budget,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each.
+    """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each dash.
 
     - `points`: the chain.
     - `smooth`: whether each point lies inside a flattened curve.
@@ -27,10 +30,11 @@ def dashes(
     - `pattern`: lengths of dashes and gaps in turn, in the units of `points`: an even number of
       lengths, with a positive sum.
     - `offset`: distance from the start of the pattern at which the chain begins.
+    - `budget`: charged for the points of the dashes.
 
-    If a closed chain begins and ends within a dash, both parts are one dash. A chain of length zero
-    is returned uncut, and so is one whose number of periods overflows. Raises `BudgetError` if the
-    dashes need more points than `budget` allows.
+    If a closed chain begins and ends within a dash, the two pieces are joined to one dash. A chain
+    of length zero is returned uncut, and so is one whose number of periods overflows. Raises
+    `BudgetError` if the dashes need more points than `budget` allows.
 
     **Source:** SVG 2, section 13.5.6.
     """

@@ -18,11 +18,14 @@ from .overlaps import FEW, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
-"""Smallest cross product of the edges at a corner that may be an ear, as in the course."""
+"""Smallest cross product of the two edges at an ear, as in the course."""
 
 MAX_CLIPPED = 256
-"""Maximum number of vertices for which ears are always clipped. A larger polygon that is simple
-looks the same however it is triangulated, so a faster method is used."""
+"""Maximum number of vertices for which ears are always clipped.
+
+A larger polygon that does not cross itself looks the same however it is triangulated, so a faster
+method is used.
+"""
 
 MAX_CLIPPED_IF_CROSSING = 1024
 """Maximum number of vertices of a self-crossing polygon whose ears are clipped, in cubic time."""
@@ -35,9 +38,10 @@ def clip_ears(
     """Triangulate contours `[n, 2]`, float32, by clipping ears.
 
     Returns three things: for each triangle, the index of its contour; for each triangle, the
-    indices of its three vertices in that contour; and the indices of the contours that are not
-    triangulated here. These are simple contours of more than `MAX_CLIPPED` vertices, and all
-    contours of more than `MAX_CLIPPED_IF_CROSSING`.
+    indices of its three vertices in that contour; and the indices of the contours that are skipped,
+    which means that they are not triangulated. Skipped contours are simple ones, which do not cross
+    or touch themselves, of more than `MAX_CLIPPED` vertices, and all of more than
+    `MAX_CLIPPED_IF_CROSSING`.
 
     Triangles of one contour are consecutive, in the order in which they are clipped. A contour of
     fewer than three points gives none. Raises `BudgetError`, with the index of the contour, if the
@@ -80,9 +84,9 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
 def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: int) -> bool:
     """Whether a contour of any size crosses or touches itself.
 
-    Also true for a contour of fewer than three points, where a point that repeats the one before it
-    is not counted. The work is charged to `budget`; `index` is the index of the contour in a
-    `BudgetError`.
+    Also true for a contour of fewer than three points. A point that repeats the one before it is
+    not counted. The work is charged to `budget`, whose `BudgetError` has `index` as the index of
+    the contour.
     """
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
@@ -104,11 +108,11 @@ def fill_nonzero(
 def _clip(
     points: Float32[np.ndarray, "polygons n 2"], budget: Budget
 ) -> tuple[Int[np.ndarray, " ears"], Int[np.ndarray, "ears 3"]]:
-    """Clip ears of polygons with `n` vertices each.
+    """Clip the ears of polygons that have `n` vertices each.
 
     Returns, for each ear, the index of its polygon and the indices of its three vertices. Ears of
-    one polygon are consecutive. Polygons without ears are given up, so they may have fewer than
-    `n - 2`.
+    one polygon are consecutive. A polygon is given up when none of its corners is an ear, so it may
+    have fewer than `n - 2` ears.
 
     In the body, `previous`, `corner` and `following` are three consecutive remaining vertices of
     each polygon. A pass of the loop tests one corner of every polygon.

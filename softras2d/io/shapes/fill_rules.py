@@ -1,7 +1,7 @@
-"""Finds the regions that a fill rule fills, for shapes of one or more closed contours.
+"""Divides shapes of one or more closed contours into polygons that a fill rule fills.
 
 GEOS divides the plane into faces along the contours. The winding number of a shape is constant in a
-face, so the fill rule fills the whole face or leaves it empty.
+face, so the fill rule either fills a face or leaves it empty.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ def fill_rule_regions(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> tuple[np.ndarray, Int[np.ndarray, " regions"]]:
-    """Make the shapely polygons that fill shapes; returns them, and the index of each one's shape.
+    """Make the shapely polygons that fill shapes; returns them, and the index of the shape of each.
 
     - `shapes`: the closed contours `[n, 2]` of each shape.
     - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
-    - `error_indices`: for each shape, the index that a `BudgetError` about it carries.
+    - `error_indices`: for each shape, the index that a `BudgetError` about it has.
 
-    The polygons are in the order of the shapes. A shape may have several, which may share edges; or
-    none, if it has no contour of three points.
+    The polygons are in the order of the shapes. A shape may have several polygons, which may share
+    edges. It has none if it has no contour of three points.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
@@ -88,6 +88,7 @@ def _with_area(contours: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _edges(contours: Sequence[np.ndarray]) -> _Edges:
+    """The directed edges of closed contours `[n, 2]`, one contour after the other."""
     ends = [np.roll(contour, -1, axis=0) for contour in contours]
     return _Edges(np.concatenate(contours), np.concatenate(ends))
 
@@ -95,7 +96,8 @@ def _edges(contours: Sequence[np.ndarray]) -> _Edges:
 def distinct_edges(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The edges without those that repeat an earlier edge, in the same or the opposite direction.
 
-    `starts` and `ends` are the ends of the edges, `[edges, 2]`, and so are the two results.
+    `starts` and `ends` are the start and end points of the edges, `[edges, 2]`. The result has the
+    start and end points of the remaining edges.
     """
     swap = (starts[:, 0] > ends[:, 0]) | (
         (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
@@ -115,14 +117,15 @@ def _faces(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Divide the plane into faces along the contours of each shape.
+    """Divide the plane into faces along the contours of some of the shapes.
 
     - `lines`: the edges of every shape, as one shapely geometry each.
     - `crossing`: the indices of the shapes to divide: those that cross themselves or have several
       contours.
     - `lengths`: the number of edges of every shape.
+    - `error_indices`: for every shape, the index that a `BudgetError` about it has.
 
-    Returns the bounded faces as shapely polygons, and for each the index of its shape.
+    Returns the bounded faces as shapely polygons, and for each face the index of its shape.
     """
     all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
     # Crossings of large shapes have been charged. Small shapes are processed in blocks, which
@@ -155,9 +158,11 @@ def _windings(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> Int[np.ndarray, " points"]:
-    """Winding number around each point of the shape whose index is `shape_of_point`.
+    """Winding numbers of shapes around points.
 
-    `lengths` are the numbers of edges of all shapes.
+    - `edges`: the edges of each shape. `lengths` are the numbers of edges.
+    - `shape_of_point`: for each point, the index of the shape whose winding number is computed.
+    - `error_indices`: for each shape, the index that a `BudgetError` about it has.
     """
     winding = np.zeros(len(points), np.int64)
     for length in np.unique(lengths[shape_of_point]).tolist():
@@ -184,9 +189,9 @@ def _winding_by_rays(
 ) -> Int[np.ndarray, " points"]:
     """Winding number of one shape of many edges around each of many points.
 
-    A ray is sent from each point, and only edges that it may meet are tested. All rays run along x,
-    or all along y, whichever direction meets fewer edges. `error_index` is the index of the shape
-    in a `BudgetError`.
+    A ray is sent from each point, and only edges that the ray may meet are tested. All rays run
+    along x, or all along y, whichever direction meets fewer edges. `error_index` is the index of
+    the shape in a `BudgetError`.
     """
     starts, ends = edges
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)

@@ -1,7 +1,6 @@
-"""Finds the segments, joins and caps of which the strokes of outlines consist.
+"""Divides the outlines of strokes into segments, joins and caps, which `strokes.py` triangulates.
 
-An outline is a chain of straight segments with the properties of its stroke. `strokes.py`
-triangulates what this module finds.
+An outline is a chain of straight segments, together with the properties of its stroke.
 """
 
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ its joins would be spikes.
 
 
 class Outline(NamedTuple):
-    """A chain of segments to stroke.
+    """A chain of segments to stroke, and the properties of the stroke.
 
     - `points`: `[n, 2]`, in user units.
     - `closed`: whether one more segment joins the last point to the first.
@@ -66,8 +65,8 @@ class Joins(NamedTuple):
     - `outline`: index of the outline of each join.
     - `position`: the corner.
     - `start_offset`, `end_offset`: vectors of half the stroke's width, at right angles to the
-      segment before the corner and to the segment after it. They lead from the corner to the outer
-      border of the stroke.
+      segment before the corner and to the segment after the corner. They lead from the corner to
+      the outer border of the stroke.
     - `turn`: change of direction at the corner, in radians, positive from the x axis to the y axis.
     - `smooth`: whether the corner lies inside a flattened curve.
     """
@@ -80,6 +79,7 @@ class Joins(NamedTuple):
     smooth: Bool[np.ndarray, " joins"]
 
     def take(self, chosen: np.ndarray) -> "Joins":
+        """The joins for which `chosen` is true, or whose indices it has."""
         return Joins(*(field[chosen] for field in self))
 
 
@@ -87,7 +87,8 @@ class Caps(NamedTuple):
     """Ends of open outlines, in user units.
 
     - `outline`: index of the outline of each end.
-    - `outward`: unit vector along the outline that points away from it.
+    - `position`: the end.
+    - `outward`: unit vector along the outline that points away from the outline at its end.
     """
 
     outline: Int[np.ndarray, " caps"]
@@ -95,11 +96,12 @@ class Caps(NamedTuple):
     outward: Float[np.ndarray, "caps 2"]
 
     def take(self, chosen: np.ndarray) -> "Caps":
+        """The ends for which `chosen` is true, or whose indices it has."""
         return Caps(*(field[chosen] for field in self))
 
 
 def segments_of(outlines: Sequence[Outline]) -> Segments:
-    """Make the segments of all outlines, without those to be dropped (`MAX_DROPPED_LENGTH`)."""
+    """Make the segments of all outlines, without those that are dropped (`MAX_DROPPED_LENGTH`)."""
     chains = [
         np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
         for line in outlines
@@ -120,13 +122,21 @@ def segments_of(outlines: Sequence[Outline]) -> Segments:
 
 
 def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
-    """Whether each point of an outline lies inside a curve; if closed, with the first one again."""
+    """Whether each point of an outline lies inside a curve.
+
+    For a closed outline, the first point is repeated at the end.
+    """
     smooth = np.zeros(len(line.points), bool) if line.smooth is None else line.smooth
     return np.append(smooth, smooth[:1]) if line.closed else smooth
 
 
 def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) -> Joins:
-    """Make the joins of all outlines, at every corner where the direction changes."""
+    """Make the joins of all outlines, at every corner where the direction changes.
+
+    - `segments`: the segments of all outlines.
+    - `is_closed`, `half_width`: for each outline, whether it is closed, and half the width of its
+      stroke in user units.
+    """
     count = len(segments.outline)
     firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
     previous = np.arange(count) - 1
@@ -147,7 +157,13 @@ def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) 
 
 
 def caps_of(segments: Segments, is_closed: np.ndarray, outlines: Sequence[Outline]) -> Caps:
-    """Make the caps of all open outlines; a dot, which has no segments, has two at its point."""
+    """Make the caps of all open outlines.
+
+    - `segments`: the segments of all outlines.
+    - `is_closed`: whether each outline is closed.
+
+    An outline with points but without segments is a dot, which has two caps at its first point.
+    """
     firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
     lasts = np.append(firsts[1:], len(segments.outline))[: len(firsts)] - 1
     is_open = ~is_closed[segments.outline[firsts]]

@@ -13,7 +13,10 @@ _PAIRS_AT_ONCE = 2**20
 """Maximum number of pairs in one block, unless a single box overlaps more boxes."""
 
 FEW = 64
-"""Polygons of at most this many edges have so few pairs of edges that these are not counted."""
+"""Maximum number of edges of a polygon whose pairs of edges are not counted.
+
+They are few enough to need no limit.
+"""
 
 
 def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -22,10 +25,10 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
     In each pair, the index in the first array is smaller than the index in the second. Boxes that
     only touch overlap. A caller that counts pairs can stop after any block.
 
-    A block holds the pairs of several consecutive boxes. Along each axis, two sorted lists give the
-    number of intervals that overlap the interval of a box. The smaller number of both axes bounds
+    A block has the pairs of several consecutive boxes. Along each axis, two sorted lists give the
+    number of intervals that overlap the interval of a box. The smaller of the two numbers bounds
     the pairs of that box. A block takes as many boxes as keep the sum of these bounds at most
-    `_PAIRS_AT_ONCE`, and at least one. A block therefore has at most `_PAIRS_AT_ONCE` pairs or,
+    `_PAIRS_AT_ONCE`, and at least one box. A block therefore has at most `_PAIRS_AT_ONCE` pairs or,
     since one box may overlap all others, `n` pairs.
     """
     max_pairs = np.full(len(boxes), len(boxes), np.int64)
@@ -50,7 +53,7 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
 
 
 def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int) -> None:
-    """Charge `budget` two `pairs` for each pair of overlapping boxes (x0, y0, x1, y1).
+    """Charge `budget` two units of `pairs` for each pair of overlapping boxes (x0, y0, x1, y1).
 
     `index` is the index of the shape in a `BudgetError`.
     """

@@ -1,8 +1,8 @@
 """Flattens paths of lines, Bezier curves and elliptical arcs to polygons, within a tolerance.
 
-A curve is evaluated at evenly spaced parameters; only their number depends on the control points.
-Each vertex of the polygon is therefore a fixed linear combination of control points, with Bernstein
-polynomials as weights, and can be moved with them.
+A curve is evaluated at evenly spaced parameters; only the number of parameters depends on the
+control points. Each vertex of the polygon is therefore a fixed linear combination of control
+points, with Bernstein polynomials as weights, and can be moved with them.
 """
 
 import math
@@ -26,6 +26,7 @@ class Path:
     """Subpaths of lines, curves and arcs, in user units.
 
     - `points`: the control points of all segments, `(x, y)`, to which segments refer by index.
+    - `subpaths`: chains of segments.
     - `fixed`: indices of points that do not count as control points of the file, because the file
       gives them by other attributes, such as a center and radii.
     """
@@ -79,14 +80,15 @@ def end_of(segment: tuple[int, ...] | Arc) -> int:
 class FlatPath(NamedTuple):
     """A flattened path: the points of all contours, one contour after the other.
 
-    - `points`: `[n, 2]`, in user units.
+    - `points`: in user units.
     - `starts`: index of the first point of each contour.
     - `closed`: whether each contour is closed. The edge from its last point to its first is then
       implied.
     - `smooth`: whether each point lies inside a curve, rather than at the end of a segment.
-    - `controls`, `weights`: each point is the sum of `weights` times the control points whose
-      indices in `Path.points` are `controls`. Where a weight is 0, the index is arbitrary. Indices
-      of -1 mean that the point is not such a sum: it lies on an arc, or depends on a fixed point.
+    - `controls`, `weights`: indices in `Path.points` of four control points, and their weights.
+      Each point is the weighted sum of its control points. Where a weight is 0, the index is
+      arbitrary. Indices of -1 mean that the point is not such a sum: it lies on an arc, or depends
+      on a fixed point.
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -219,11 +221,10 @@ def flatten(
 def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
     """Flatten a path that consists of lines: the ends of its lines are the points of its contours.
 
-    Each point has the weight 1 for its own index in `Path.points`, or the indices -1 if it is one
-    of `path.fixed`. If a closed contour ends in its first point, that point is not repeated.
-
-    `control`: `path.points` as an array `[points, 2]`. Raises `BudgetError` if the points exceed
-    `budget`.
+    `control` has `path.points` as an array `[points, 2]`. Each point of the result has the weight 1
+    for its own index in `Path.points`, or the indices -1 if it is one of `path.fixed`. If a closed
+    contour ends in its first point, that point is not repeated. Raises `BudgetError` if the points
+    exceed `budget`.
     """
     indices: list[int] = []
     starts, closed = [], []
@@ -252,7 +253,10 @@ _FIRST_OF_FOUR = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def _padded(start: int, segment: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """The control point indices of a segment from its start on, padded to four with the last."""
+    """The indices of a segment's control points, including its start, padded to four indices.
+
+    `segment` has the indices after `start`. The last index is repeated.
+    """
     if len(segment) == 3:
         return start, *segment
     return (start, segment[0], segment[-1], segment[-1])

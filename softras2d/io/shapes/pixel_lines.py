@@ -16,14 +16,16 @@ from jaxtyping import Bool, Float32, Int
 from ..budget import Budget
 
 _LONG_STEPS = 1 << 14
-"""Lines of more steps than this are advanced to the canvas without single steps."""
+"""Number of steps above which a line is advanced to the canvas without single steps."""
 
 _BLOCK_POSITIONS = 1 << 21
 """Maximum number of positions that are computed at once, which bounds memory."""
 
 _MAX_STEPS = 1 << 30
-"""Limit of the steps of a line. No step after it changes a position, because adding 1 changes a
-float32 at most 2^25 times."""
+"""Maximum number of steps of a line.
+
+No further step changes a position, because adding 1 changes a float32 at most 2^25 times.
+"""
 
 
 class _Walks(NamedTuple):
@@ -46,6 +48,7 @@ class _Walks(NamedTuple):
     steps: Int[np.ndarray, " lines"]
 
     def take(self, chosen: np.ndarray) -> "_Walks":
+        """The lines for which `chosen` is true, or whose indices it has."""
         return _Walks(*(field[chosen] for field in self))
 
 
@@ -56,17 +59,18 @@ def pixel_lines(
     budget: Budget | None = None,
     triangles_each: Int[np.ndarray, " lines"] | None = None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Cover lines with rectangles of whole pixels; returns them, and the index of each one's line.
+    """Cover lines one pixel wide with rectangles of whole pixels, by the course's rule.
 
     - `segments`: the lines, as (x0, y0, x1, y1) in pixels.
     - `height`, `width`: size of the canvas in pixels. Pixels outside it are left out.
     - `triangles_each`: for each line, the number of triangles that each of its rectangles will
       become, which is charged to `budget`; 1 by default.
 
-    Rectangles are (x0, y0, x1, y1) too, with x1 and y1 exclusive, and are sorted by line. Stepping
-    starts at the end with the smaller x, or at (x0, y0) if both x are equal. For a slope m, a step
-    is (1, m), or (1/|m|, sign m) if |m| > 1. Stepping goes on while floor(x) is at most the floor
-    of the other end's x, and y is at most |y1 - y0| from its start. All of it is float32.
+    Returns the rectangles, and for each the index of its line. Rectangles are (x0, y0, x1, y1) too,
+    with x1 and y1 exclusive, and are sorted by line. Stepping starts at the end with the smaller x,
+    or at (x0, y0) if both x are equal. For a slope m, a step is (1, m), or (1/|m|, sign m) if |m| >
+    1. Stepping goes on while floor(x) is at most the floor of the other end's x, and y is at most
+    |y1 - y0| from its start. All numbers are float32.
 
     Raises `BudgetError`, with the index of the line, if steps or triangles exceed `budget`.
     """
@@ -82,6 +86,7 @@ def _pixel_lines(
     budget: Budget,
     triangles_each: Int[np.ndarray, " lines"] | None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
+    """Do the work of `pixel_lines`, whose arguments and result are the same."""
     walks = _walks(segments)
     # Walk k belongs to line `lines[k]`.
     lines = np.flatnonzero(_may_touch(segments, walks, height, width))
@@ -178,9 +183,9 @@ def advance(
 ) -> tuple[np.float32, int]:
     """Add `step` to `start` in float32 until the value reaches `until`, at most `most` times.
 
-    For a positive step, the value reaches `until` when it is at least that; for a negative one,
-    when it is at most that. None means that only `most` ends the additions. Returns the value and
-    the number of additions, which is `most` if `step` is too small to change the value.
+    For a positive step, the value reaches `until` when it is at least `until`; for a negative step,
+    when it is at most `until`. None means that only `most` ends the additions. Returns the value
+    and the number of additions, which is `most` if `step` is too small to change the value.
 
     Between two powers of two, every addition is rounded by the same amount, except that a tie,
     which goes to even, may differ once. All further additions up to the next power of two therefore
@@ -217,7 +222,8 @@ def _block(
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
     """Step along lines of similar length; returns rectangles, and for each the index of its line.
 
-    Rectangles are (x0, y0, x1, y1) in pixels; the index counts the lines in `walks`.
+    Rectangles are (x0, y0, x1, y1) in pixels, with x1 and y1 exclusive. The index is that of the
+    line in `walks`.
     """
     shape = (len(walks.x), int(walks.steps.max(initial=1)))
     x, y = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -246,7 +252,8 @@ def _runs(
     - `column`, `row`: coordinates of each pixel. A pixel may be repeated.
     - `is_steep`: whether the line of each pixel is joined along columns, instead of rows.
 
-    Returns rectangles (x0, y0, x1, y1), with x1 and y1 exclusive, and for each its `line`.
+    Returns rectangles (x0, y0, x1, y1), with x1 and y1 exclusive, and for each the index of its
+    line.
     """
     if len(line) == 0:
         return np.zeros((0, 4), np.int64), line

@@ -36,8 +36,8 @@ def triangulate(
     - `contours`: one entry per shape: the points `[n, 2]` of its closed contour, or a sequence of
       such arrays if it has several contours, which the fill rule combines.
     - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
-    - `translucent`: whether each shape is translucent, so that its inner edges must avoid samples;
-      see the top of this file.
+    - `translucent`: whether each shape is translucent, so that edges between its triangles must
+      avoid samples; the docstring of `polygons.py` says why.
 
     Triangles of one shape are consecutive, but shapes may come in any order. A single contour of
     three points gives one triangle, whatever its area; one of fewer points gives none. Raises
@@ -111,8 +111,9 @@ def fan_inside(points: Float[np.ndarray, "m n coords"]) -> Float[np.ndarray, "m 
     """Cut `m` polygons of `n` vertices into `n` triangles that meet at a new point inside.
 
     The new point is a weighted mean of the vertices, from which all edges must be visible. Its
-    weights are nearly equal, but far from simple fractions, so that samples do not lie on the inner
-    edges. The last axis holds x, y, and any vertex attributes, which are averaged likewise.
+    weights are nearly equal, but far from simple fractions, so that samples do not lie on the edges
+    between triangles. The last axis holds x, y, and any vertex attributes, which are averaged
+    likewise.
     """
     weights = 1.0 + 0.25 * _generic_numbers(points.shape[1])
     middle = np.einsum("n,mnd->md", weights / weights.sum(), points)
@@ -127,7 +128,7 @@ def fill_regions(
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate shapely (multi)polygons; returns the triangles, and for each its owner.
 
-    - `translucent`: whether the inner edges of each region must avoid samples.
+    - `translucent`: whether edges between the triangles of each region must avoid samples.
     - `owner`: index of the shape to which each region belongs. Regions of one owner are
       consecutive, may share edges, and are either all translucent or all opaque.
     """
@@ -150,7 +151,7 @@ def fill_regions(
 def _bend_inner_edges(
     corners: Float[np.ndarray, "triangles 3 2"], owner: Int[np.ndarray, " triangles"]
 ) -> tuple[Float[np.ndarray, "bent 3 2"], Int[np.ndarray, " bent"]]:
-    """Bend inner edges of triangulations near their middles, so that samples do not lie on them.
+    """Bend the inner edges of triangulations at their middles, so that no samples lie on them.
 
     An inner edge is one that two triangles of the same `owner` share. A triangle with inner edges
     becomes a polygon of four to six vertices, which `fan_inside` cuts again. Returns the new

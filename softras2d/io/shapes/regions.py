@@ -21,7 +21,8 @@ EMPTY: Any = shapely.MultiPolygon()
 def filled(contours: Sequence[np.ndarray], evenodd: bool, budget: Budget) -> Any:
     """The region inside the closed contours `[n, 2]` of one shape.
 
-    It is found by the even-odd rule if `evenodd` is true, and by the nonzero rule otherwise.
+    The shape is filled by the even-odd rule if `evenodd` is true, and by the nonzero rule
+    otherwise.
     """
     regions, _ = fill_rule_regions([contours], [evenodd], [0], budget)
     # Faces of one shape share edges, so they must be united before they are a valid multipolygon.
@@ -81,7 +82,7 @@ def polygons_of(geometry: Any) -> Any:
 
 
 _OPERATION_COST = 128
-"""Constant cost of an operation, in vertices: GEOS overlays so many in the same time."""
+"""Constant cost of an operation, in vertices: GEOS overlays this many in the same time."""
 
 _UNION_COST = 4
 """Time per vertex of a union or of `grown`, relative to an intersection."""

@@ -1,9 +1,9 @@
 """Triangulates strokes: a quad per segment, joins between segments, caps at open ends.
 
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
-translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins:
-with these, the stroke of the chords differs from the stroke of the exact curve by no more than the
-chords differ from the curve.
+translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins.
+The stroke of the chords then differs from the stroke of the exact curve by no more than the chords
+differ from the curve.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def stroke(
     """Triangulate strokes; returns the triangles, and for each the index of its outline.
 
     Triangles are in the order of the outlines, and in user units. Segments of zero length are
-    dropped, and so are those that may be rounding errors (`MAX_DROPPED_LENGTH`). An outline
+    dropped, and so are segments that may be rounding errors (`MAX_DROPPED_LENGTH`). An outline
     whose segments are all dropped draws a dot if its caps are round or square. Without a `budget`,
     one with the usual limits is used. Raises `BudgetError`, with the index of the outline, if the
     triangles exceed the budget.
@@ -94,7 +94,7 @@ def union(
     """Unite triangles that may overlap into one shapely (multi)polygon.
 
     Pairs of triangles whose bounding boxes overlap are charged to `budget`. `index` is the index of
-    the shape that a `BudgetError` carries.
+    the shape in a `BudgetError`.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -128,25 +128,28 @@ _Triangles = tuple[Int[np.ndarray, " triangles"], Float[np.ndarray, "triangles 3
 def _exceeds_limit(joins: Joins, miterlimit: np.ndarray) -> np.ndarray:
     """Whether the miter of each join would be longer than its outline's limit.
 
-    `miterlimit` has one limit per outline, in widths of the stroke. The length of a miter is
-    1 / cos(turn / 2) widths.
+    `miterlimit` has one limit per outline, in widths of the stroke. The length of a miter is 1 /
+    cos(turn / 2) widths.
     """
     return miterlimit[joins.outline] * np.cos(joins.turn / 2) < 1.0
 
 
 def _segment_quads(segments: Segments, half_width: np.ndarray) -> _Triangles:
+    """The two triangles of each segment. `half_width` has half the stroke's width per outline."""
     a, b = segments.start, segments.end
     side = half_width[segments.outline, None] * quarter_turn(segments.direction)
     return _quads(segments.outline, a + side, b + side, b - side, a - side)
 
 
 def _bevel_triangles(joins: Joins) -> _Triangles:
+    """The triangle of each bevelled join."""
     corner = joins.position
     bevels = np.stack([corner, corner + joins.start_offset, corner + joins.end_offset], axis=1)
     return joins.outline, bevels
 
 
 def _miter_quads(joins: Joins) -> _Triangles:
+    """The two triangles of each mitred join, between the corner and the tip of the miter."""
     # The tip lies in the direction of the sum of both offsets. The sum is `width cos(turn / 2)`
     # long, and the tip is `width / (2 cos(turn / 2))` from the corner.
     tip = (joins.start_offset + joins.end_offset) / (2 * np.cos(joins.turn / 2)[:, None] ** 2)
@@ -158,7 +161,7 @@ def _miter_quads(joins: Joins) -> _Triangles:
 def _clipped_miters(joins: Joins, half_width: np.ndarray, miterlimit: np.ndarray) -> _Triangles:
     """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles.
 
-    `half_width` and `miterlimit` have one number per outline.
+    `half_width` and `miterlimit` have one entry per outline.
     """
     half, angle = half_width[joins.outline], np.abs(joins.turn) / 2
     # Both sides of the miter go on straight until they reach the cut.
@@ -175,6 +178,10 @@ def _clipped_miters(joins: Joins, half_width: np.ndarray, miterlimit: np.ndarray
 
 
 def _square_caps(caps: Caps, half_width: np.ndarray) -> _Triangles:
+    """The two triangles of each square cap.
+
+    `half_width` has half the stroke's width per outline.
+    """
     near = caps.position
     side = half_width[caps.outline, None] * quarter_turn(caps.outward)
     far = near + half_width[caps.outline, None] * caps.outward
@@ -193,12 +200,20 @@ def _quads(
 
 
 def _join_sectors(joins: Joins, radius_px: np.ndarray) -> _Sectors:
+    """Make the sectors of round joins.
+
+    `radius_px` has half the stroke's width, in pixels, per outline.
+    """
     triangles = _sector_triangles(radius_px[joins.outline], joins.turn)
     return _Sectors(joins.outline, joins.position, joins.start_offset, joins.turn, triangles)
 
 
 def _cap_sectors(caps: Caps, half_width: np.ndarray, radius_px: np.ndarray) -> _Sectors:
-    """Make the half circles of round caps, beyond the ends of outlines."""
+    """Make the half circles of round caps, beyond the ends of outlines.
+
+    `half_width` and `radius_px` have half the stroke's width per outline, in user units and in
+    pixels.
+    """
     start_offset = half_width[caps.outline, None] * quarter_turn(caps.outward)
     turn = np.full(len(caps.outline), -np.pi)
     triangles = _sector_triangles(radius_px[caps.outline], turn)
@@ -210,9 +225,9 @@ def _sector_triangles(
 ) -> Int[np.ndarray, " sectors"]:
     """Number of triangles of each sector whose chords are within `_TOLERANCE` of the circle.
 
-    `radius_px` are radii in pixels, `turn` the angles of the sectors in radians. The angle of a
-    triangle may always be pi / 512, which limits their number for large radii. Each sector has at
-    least one.
+    `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. The angle
+    of a triangle may always be pi / 512, which limits the number for large radii. Each sector has
+    at least one triangle.
     """
     radius = np.maximum(radius_px, _TOLERANCE)
     max_angle = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)

@@ -31,8 +31,8 @@ def cut_large_regions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut large shapely polygons into pieces; returns all pieces, and for each its owner.
 
-    `owner` has a number for each region, which its pieces inherit. Pieces are in the order of the
-    regions. Regions of at most `MAX_UNCUT` vertices are returned as they are.
+    `owner` has an integer for each region, which all pieces of the region inherit. Pieces are in
+    the order of the regions. Regions of at most `MAX_UNCUT` vertices are returned as they are.
     """
     large = shapely.get_num_coordinates(regions) > MAX_UNCUT
     if not large.any():
@@ -66,7 +66,8 @@ def _pieces_of(region: Any) -> np.ndarray:
 def _halves(piece: Any) -> list[Any]:
     """Cut a polygon near the median x or y of its vertices, where fewer edges are crossed.
 
-    Returns the polygons on both sides; an empty list if neither line passes through the polygon.
+    Returns the polygons on both sides of the cut. The list is empty if neither the line at the
+    median x nor the one at the median y passes through the polygon.
     """
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -97,7 +98,10 @@ def _halves(piece: Any) -> list[Any]:
 
 
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:
-    """Clip a polygon to each box by `clip_by_rect`; None if that has changed the total area."""
+    """Clip a polygon to each of `boxes` by `clip_by_rect`; returns the polygons.
+
+    Returns None if clipping has changed the total area.
+    """
     halves: Any = [shapely.clip_by_rect(piece, *shapely.bounds(box)) for box in boxes]
     area = float(shapely.area(piece))
     if abs(float(shapely.area(halves).sum()) - area) > 1e-9 * area:
