@@ -1,14 +1,16 @@
 """The interactive viewer, as a local web page and as a notebook widget.
 
-`Session` answers requests for pictures, pixels and overlays, and knows nothing of the web. The
-server and the widget carry the same messages to the same JavaScript module, `static/viewer.js`.
+A subject is a drawing or an image that the viewer shows (`subject.py`). A `Session` answers
+requests for pictures, pixels and overlays of its subjects, and knows nothing of the web. The server
+of the web page and the notebook widget carry the same messages to the same JavaScript module,
+`static/viewer.js`.
 
-Requests are answered in a thread of their own (`worker.py`), and large programs compile in another
+Requests are answered in a separate thread (`worker.py`), and large programs are compiled in another
 (`background.py`), so that a slow render does not delay the page. A newer request replaces older
-ones of the same kind.
+requests of the same kind.
 
-Each subject has a `version`, which changes whenever its contents do (`subject.py`). The server and
-the widget compare the versions periodically, and send a message of kind "changed". The page then
-asks for the versions, and requests a picture again if its fields or its version differ from those
-of the last request.
+Each subject has a `version`, which changes whenever its contents do. The server and the widget
+compare the versions periodically, and send a message of kind "changed". The page then asks for the
+versions. It requests a picture again if the fields of the request or the version of the subject
+differ from those of its last request.
 """

@@ -1,4 +1,4 @@
-"""Compiles plans with headroom in another thread, while tight plans draw."""
+"""Compiles plans with headroom in a separate thread, while tight plans draw (`plans.py`)."""
 
 from collections import OrderedDict
 from collections.abc import Hashable
@@ -14,13 +14,13 @@ from .settings import Settings
 from .view import View
 
 _MAX_PLANS = 16
-"""Largest number of kinds of views (`plans.kind_of`) whose plan is kept."""
+"""Maximum number of plans that are stored, one for each kind of views (`plans.kind_of`)."""
 
 
 class PlanCompiler:
     """Makes plans with headroom and compiles their programs, in a separate thread.
 
-    Python waits for the thread when it ends, as it must not end while XLA compiles.
+    When Python ends, it waits for the thread, since it must not end while XLA compiles.
     """
 
     def __init__(self):
@@ -29,10 +29,10 @@ class PlanCompiler:
         self._is_closed = False
 
     def start(self, kind: Hashable, scene: Scene, view: View, settings: Settings) -> None:
-        """Begin to make the plan of a kind of views, unless it was requested before.
+        """Begin to make the plan with headroom of a kind of views, unless it was requested before.
 
-        `kind` is the result of `kind_of` for this view. Plans of other kinds that are still waiting
-        are dropped: they are requested again if they are still wanted.
+        `kind` is the result of `plans.kind_of` for this view. Plans of other kinds that are still
+        waiting are dropped: they are requested again if they are needed.
         """
         if kind in self._plans or self._is_closed:
             return
@@ -45,7 +45,8 @@ class PlanCompiler:
     def take(self, kind: Hashable) -> Plan | None:
         """Wait for the plan of a kind of views, and return it.
 
-        Returns None if it was not requested, or if it cannot be made.
+        `kind` is a result of `plans.kind_of`. Returns None if the plan was not requested, or if it
+        cannot be made.
         """
         plan = self._plans.get(kind)
         return None if plan is None or plan.exception() is not None else plan.result()

@@ -1,7 +1,8 @@
 """Opens a page with a secret address in the browser.
 
-Every user of a machine can read the command lines of its processes. So the browser is not given the
-address, but a file that only this user can read, and which sends the browser on to the address.
+Every user of a machine can read the command lines of its processes. The command line of the browser
+therefore does not contain the address of the page. It names a file that only this user can read,
+and that file sends the browser on to the address.
 
 **Source:** Jupyter Server does the same (`ServerApp.use_redirect_file`).
 """
@@ -32,7 +33,8 @@ _PAGE = """\
 def opened_page(url: str) -> Iterator[None]:
     """Open the page at `url` in the browser, as a context manager.
 
-    The file that leads the browser there exists until the body of the `with` statement has ended.
+    The browser is given a temporary file that redirects it to `url`. The file exists until the body
+    of the `with` statement has ended.
     """
     with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
         path = Path(folder) / "viewer.html"

@@ -31,8 +31,8 @@ class Picture(NamedTuple):
     """The picture of a view.
 
     - `rgba`: straight RGBA; alpha is 255 everywhere if the background is opaque.
-    - `plan`: the plan that drew it.
-    - `seconds`: time of the whole work, including `compile_seconds`, the time spent compiling.
+    - `plan`: the plan with which the picture was drawn.
+    - `seconds`: time to draw the picture, including `compile_seconds`, the time spent compiling.
     """
 
     rgba: UInt8[np.ndarray, "height width 4"]
@@ -42,14 +42,14 @@ class Picture(NamedTuple):
 
 
 class Artist:
-    """Draws views, and keeps their plans for later ones. Only one thread may use it at a time."""
+    """Draws views, and stores their plans for later views. Only one thread may use it at a time."""
 
     def __init__(self):
         self._plans = ViewPlans()
         self._compiler = PlanCompiler()
 
     def draw(self, scene: Scene, view: View, settings: Settings) -> Picture:
-        """Draw a view.
+        """Draw a view of a scene, whose positions are in pixels at the zoom of the view.
 
         Raises `ValueError` for an invalid scene, and for a view that takes too much memory.
         """
@@ -72,9 +72,9 @@ class Artist:
     def render(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> tuple[Float[Array, "height width channels"], Plan]:
-        """Draw the image of a view; returns it with the plan that was used.
+        """Draw the image of a view; returns the image, and the plan that was used.
 
-        `grid_bits`: as in `plan`.
+        `grid_bits` is as in `plan`. The image has floats, `[height, width, 3 or 4]`.
         """
         return self.with_plan(render_checked, scene, view, settings, grid_bits)
 
@@ -88,8 +88,9 @@ class Artist:
     ) -> tuple[T, Plan]:
         """Call `compute(scene, plan)` with a plan that is large enough.
 
-        `compute` returns a value and whether the scene outgrew the plan. If it did, `compute` is
-        called again with a larger plan. Returns the last value and plan. `grid_bits`: as in `plan`.
+        `compute` returns a value, and whether the scene outgrew the plan. If it did, `compute` is
+        called again with a larger plan, which must then be large enough. Returns the last value,
+        and the plan that gave it. `grid_bits` is as in `plan`.
         """
         plan = self._plans.choose(scene, view, settings, grid_bits)
         value, overflow = compute(scene, plan)
@@ -106,11 +107,11 @@ class Artist:
         return value, plan
 
     def is_compiling(self) -> bool:
-        """Whether a plan for later views is being compiled in another thread."""
+        """Whether a plan for later views is being compiled in the thread of the compiler."""
         return self._compiler.is_busy()
 
     def close(self) -> None:
-        """Wait until the other thread has compiled its program, and stop that thread."""
+        """Wait until the thread of the compiler has compiled its program, and stop that thread."""
         self._compiler.close()
 
 

@@ -1,9 +1,10 @@
-"""The exact value of a pixel: the mean of the drawing over the pixel's square.
+"""Computes the exact value of a pixel: the mean of the drawing over the pixel's square.
 
 `Area` measures each triangle exactly, but blends triangles as if they overlapped at random: the
 background shows at the seam of two adjacent triangles. Here the square of one pixel is cut along
 the edges of its triangles, nearest triangle first, into convex pieces. All points of a piece show
-the same triangles. The result is exact up to rounding, but this is far too slow for a picture.
+the same triangles. The result is exact up to rounding, but computing it is far too slow for a
+picture.
 """
 
 import itertools
@@ -17,19 +18,19 @@ from ..scene import Scene
 _Point = tuple[float, float]
 
 _MOST_PIECES = 2_000
-"""Largest number of pieces of one pixel; with more, the exact value would take too long."""
+"""Maximum number of pieces of one pixel; with more, the exact value would take too long."""
 
 _LEAST_AREA = 1e-13
-"""Pieces up to this area, in square pixels, count as rounding errors."""
+"""Area, in square pixels, up to which a piece counts as a rounding error."""
 
 
 def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
     """Mean of a scene over the square of one pixel, with straight alpha.
 
-    `column` and `row` are pixels of the scene's coordinates. Returns as many channels as the
-    background has, or None for what has no closed form here: scenes with depth or textures, colours
-    that are interpolated in perspective or whose alpha varies within a triangle, and pixels that
-    are cut into more than 2,000 pieces.
+    The pixel has its top left corner at the position (`column`, `row`) of the scene. Returns as
+    many channels as the background has. Returns None for what has no closed form here: scenes with
+    depth or textures, colours that are interpolated in perspective or whose alpha varies within a
+    triangle, and pixels that are cut into more than 2,000 pieces.
     """
     if scene.depth is not None or scene.uv is not None:
         return None
@@ -70,9 +71,10 @@ def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
 
 
 def _cut(polygon: list[_Point], triangle: list[_Point]) -> tuple[list[_Point], list[list[_Point]]]:
-    """Cut a convex polygon along the edges of a triangle.
+    """Cut a convex polygon along the edges of a triangle, both in positive orientation.
 
-    Returns the part inside the triangle, empty if there is none, and the convex parts outside.
+    Returns the part of the polygon inside the triangle, which is empty if there is none, and the
+    convex parts outside.
     """
     covered, uncovered = polygon, []
     for start, end in zip(triangle, triangle[1:] + triangle[:1], strict=True):
@@ -84,10 +86,10 @@ def _cut(polygon: list[_Point], triangle: list[_Point]) -> tuple[list[_Point], l
 
 
 def _split(polygon: list[_Point], start: _Point, end: _Point) -> tuple[list[_Point], list[_Point]]:
-    """Split a convex polygon along the line through two points.
+    """Split a convex polygon along the line from `start` to `end`.
 
-    Returns the part on the inside of a triangle of positive orientation that has this edge, and the
-    part on the other side. A part without area is empty.
+    Returns two polygons: the part on the left side, where a triangle of positive orientation that
+    has this edge would lie, and the part on the other side. A part without area is empty.
 
     **Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (1974), for one line.
     """
@@ -134,7 +136,7 @@ def _area_and_centroid(polygon: list[_Point]) -> tuple[float, _Point]:
 
 
 def _counterclockwise(corners: Float[np.ndarray, "3 2"]) -> list[_Point]:
-    """The corners of a triangle, in the orientation of positive area."""
+    """The corners of a triangle, in the order that has positive area."""
     (ax, ay), (bx, by), (cx, cy) = corners.tolist()
     is_positive = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0
     return [(ax, ay), (bx, by), (cx, cy)] if is_positive else [(ax, ay), (cx, cy), (bx, by)]

@@ -18,7 +18,7 @@ _LENGTH = struct.Struct("<I")
 
 
 def frame_of(reply: Reply) -> bytes:
-    """Encode a reply as one binary message, with a picture packed if that saves much."""
+    """Encode a reply as one binary message. A picture is packed if that saves much."""
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     return b"".join([_LENGTH.pack(len(header)), header, reply.payload])
@@ -27,8 +27,8 @@ def frame_of(reply: Reply) -> bytes:
 def with_packed_picture(reply: Reply) -> Reply:
     """Pack the pixels of a reply of kind `"picture"` if that saves much.
 
-    The header then also has `blocks`, the number of blocks, and `colors`, the number of blocks of a
-    single colour (see `PackedPixels`). Any other reply is returned unchanged.
+    The header of the result then also has `blocks`, the number of blocks, and `colors`, the number
+    of blocks of a single colour (see `PackedPixels`). Any other reply is returned unchanged.
     """
     if reply.header.get("kind") != "picture":
         return reply
@@ -40,7 +40,10 @@ def with_packed_picture(reply: Reply) -> Reply:
 
 
 def header_text(reply: Reply) -> str:
-    """Encode the header as JSON. Infinity and NaN, which JSON does not have, become null."""
+    """Encode the header of a reply as JSON.
+
+    Infinity and NaN, which JSON does not have, become null.
+    """
     return json.dumps(finite(reply.header), allow_nan=False)
 
 

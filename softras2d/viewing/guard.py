@@ -1,8 +1,8 @@
 """Refuses requests that do not come from a page of this server.
 
-Any web page may send requests to 127.0.0.1, and through a name that it lets resolve to that address
-it may also read the answers. So each request must name this server as its host, must not come from
-a page of another origin, and must have the token, which only the printed address contains.
+Any web page may send requests to 127.0.0.1. If the page lets a name resolve to that address, it may
+also read the answers. So each request must name this server as its host, must not come from a page
+of another origin, and must have the token, which only the printed address contains.
 
 **Source:** OWASP, *Cross-Site WebSocket Hijacking*, for the origin; Jackson et al., *Protecting
 Browsers from DNS Rebinding Attacks* (CCS 2007), for the host.
@@ -20,9 +20,11 @@ NAMES = ("127.0.0.1", "localhost")
 
 
 class Guard:
-    """Passes each allowed request on to `app`, with the token removed from its path.
+    """Web application that passes allowed requests on to the application `app`.
 
-    Other requests are answered with status 403.
+    A request is allowed if its host and its origin are this server at `port`, and if its path
+    begins with `token`, which is removed from the path. Other requests are answered with status
+    403.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int):
@@ -45,6 +47,7 @@ class Guard:
             await PlainTextResponse("refused\n", 403)(scope, receive, send)
 
     def _is_allowed(self, scope: Scope) -> bool:
+        """Whether a request has the right host, origin and token."""
         headers = Headers(scope=scope)
         origin = headers.get("origin")
         start = scope["path"][: len(self._prefix) + 1]

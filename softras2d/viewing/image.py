@@ -1,4 +1,4 @@
-"""A subject that is an image: a file of pixels, or the levels of a texture pyramid."""
+"""Defines the subject that is an image: a file of pixels, or the levels of a texture pyramid."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -19,17 +19,17 @@ _OUTSIDE = (0, 0, 0, 0)
 
 
 _KEPT_IMAGES = 2
-"""Number of images that are kept in memory: the one that is shown, and one to compare with."""
+"""Number of images that are stored: the one that is shown, and one to compare with."""
 
 
 class ImageCache:
-    """Cache of the images that were read last, for all image files of a viewer."""
+    """Cache of the images that were read last. All image files of a viewer share one cache."""
 
     def __init__(self):
         self._images: OrderedDict[tuple[str, int], np.ndarray] = OrderedDict()
 
     def get(self, path: Path, version: int) -> Float[np.ndarray, "height width channels"]:
-        """Return the image of a file, and read it unless this version of it is in the cache.
+        """Return the image of a file, which is read unless this version of it is in the cache.
 
         `version` is a number that changes whenever the file does.
         """
@@ -43,15 +43,17 @@ class ImageCache:
 
 
 class Image(Subject):
-    """A subject that is an image.
+    """A subject that is an image, which is shown at any zoom.
 
-    Enlarged, it is not smoothed. Shrunk, each pixel is the mean of the image's pixels under it.
+    At zooms above 1, the image is not smoothed. At zooms below 1, each pixel is the mean of the
+    image's pixels under it.
 
-    - `name`: what a page calls it.
+    - `name`: what a page calls the image.
     - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
     - `version_of`: returns a number that changes whenever the image does; None for an image that
       never changes.
-    - `size_of`: returns height and width in pixels; by default the size of what `read` returns.
+    - `size_of`: returns height and width in pixels; by default the size of the image that `read`
+      returns.
     """
 
     is_image = True
@@ -71,11 +73,11 @@ class Image(Subject):
 
     @property
     def version(self) -> int:
-        """The number that `version_of` returns; 1 without it."""
+        """The number that `version_of` returns; 1 without `version_of`."""
         return 1 if self._version_of is None else self._version_of()
 
     def size(self) -> tuple[int, int]:
-        """Height and width of the image."""
+        """Height and width of the image in pixels. Raises `ValueError` if it cannot be read."""
         if self._size_of is not None:
             return self._size_of()
         height, width, _ = self.values().shape
@@ -103,9 +105,9 @@ class Image(Subject):
 
 
 def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
-    """A subject for an image file, which is read when it is shown, and again when it changes.
+    """Make the subject of an image file, which is read when it is shown, and again when it changes.
 
-    - `kept_images`: cache of images, which all files of a viewer share; a new one by default.
+    `kept_images` is the cache of images, which all files of a viewer share; a new cache by default.
     """
     kept = ImageCache() if kept_images is None else kept_images
 
@@ -124,16 +126,19 @@ def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
 
 
 def pyramid_image(name: str, textures: TexturePyramid) -> Image:
-    """A subject for a texture pyramid: one row per texture, with its levels side by side."""
+    """Make the subject of a texture pyramid: one row per texture, with its levels side by side."""
     picture = _mosaic(textures)
     return Image(name, lambda: picture)
 
 
 def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.ndarray:
-    """Index, along one axis, of the image's pixel that each of `count` canvas pixels shows.
+    """Index, along one axis, of the image's pixel that each pixel of the canvas shows.
 
-    The image has `source` pixels along the axis, and `enlarged` pixels after zooming. The first
-    pixel of the canvas is pixel `start` of the enlarged image. Returns -1 outside the image.
+    - `start`: pixel of the zoomed image that the first pixel of the canvas shows.
+    - `count`: number of pixels of the canvas along the axis.
+    - `enlarged`, `source`: number of pixels of the image along the axis, with and without zoom.
+
+    Returns -1 for a pixel of the canvas outside the image.
     """
     position = start + np.arange(count)
     index = (2 * position + 1) * source // (2 * enlarged)
@@ -153,7 +158,7 @@ def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
 def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channels"]:
     """Draw one row per texture, with its levels side by side, a pixel apart, with straight alpha.
 
-    Pixels between levels are transparent.
+    The pixels between levels are transparent.
     """
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels, np.float32)
     heights = table[:, 0, 1]

@@ -1,4 +1,4 @@
-"""The pixel inspector: triangles, samples and value of one pixel."""
+"""Inspects a pixel: lists the triangles that cover it, its samples, and its value."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,8 +26,10 @@ from .window_layers import (
 )
 
 LENS = 11
-"""Number of pixels along a side of the lens, the square of pixels that the inspector enlarges. The
-inspected pixel is in its middle."""
+"""Number of pixels along a side of the lens, the square of pixels that the inspector enlarges.
+
+The inspected pixel is in its middle.
+"""
 
 _MOST_LAYERS = 128
 """Maximum number of layers that are composited at a sample."""
@@ -40,8 +42,8 @@ class PixelReport(NamedTuple):
     """The values that the inspector shows for a pixel and for the pixels around it.
 
     - `facts`: values, layers and edges of the inspected pixel, for JSON.
-    - `samples`: straight RGBA of each sample of the lens, as an image of samples. Under analytic
-      coverage a pixel has one sample.
+    - `samples`: straight RGBA of each sample of the lens, the square of pixels around the inspected
+      one, as an image of samples. Under analytic coverage a pixel has one sample.
     """
 
     facts: dict[str, Any]
@@ -53,9 +55,9 @@ def inspect_pixel(
 ) -> PixelReport:
     """Report the values of one pixel of a view, and of the pixels around it.
 
-    `column` and `row` are pixels of the view's canvas. Only the window of the lens is drawn, on the
-    fixed-point grid of the whole canvas. Its samples equal the samples of the canvas, except within
-    two grid units of an edge that is cut at the guard band.
+    `column` and `row` are the pixel on the view's canvas. Only a small window, the lens, is drawn,
+    on the fixed-point grid of the complete canvas. Its samples equal the samples of the canvas,
+    except within two grid units of an edge that is cut at the guard band.
     """
     center = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
@@ -99,11 +101,11 @@ def inspect_pixel(
 def reference_value(
     artist: Artist, scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[str, list[float]]:
-    """Compute a more exact value of a pixel of a view, to compare the drawn one with.
+    """Compute a more exact value of a pixel of a view, to compare the drawn value with.
 
-    `column` and `row` are pixels of the view's canvas. Returns how the value was computed, as text,
-    and the value with straight alpha. It is the mean of the drawing over the square of the pixel
-    (`exact_pixel`) or, where that is None, the value with 256 samples.
+    `column` and `row` are the pixel on the view's canvas. Returns how the value was computed, as
+    text, and the value with straight alpha. The value is the mean of the drawing over the square of
+    the pixel (`exact_pixel`) or, where that is None, the value with 256 samples.
     """
     value = exact_pixel(scene, view.x + column, view.y + row)
     if value is not None:
@@ -118,7 +120,12 @@ def reference_value(
 def _window(
     scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[View, Scene, Int[np.ndarray, " triangles"]]:
-    """Return the lens as a view, a scene of the triangles near it, and their original indices."""
+    """The lens around a pixel, as a view; a scene of the triangles near it; and their indices.
+
+    `column` and `row` are the pixel on the canvas of `view`. The indices are those of the triangles
+    in `scene`. The scene of the triangles is padded, so that lenses with few triangles share
+    programs.
+    """
     x, y = view.x + column - LENS // 2, view.y + row - LENS // 2
     window = replace(view, x=x, y=y, height=LENS, width=LENS)
     nearby_scene, index = cull(scene, window, margin=2.0 + 2.0 * settings.soft_width)
@@ -131,8 +138,8 @@ def _sample_layers(
 ) -> tuple[WindowLayers, int, bool]:
     """Find the layers of each sample of a window, down to the nearest opaque one.
 
-    `bits` is the `grid_bits` of the plan. Also returns the number of samples along a side of a
-    pixel, and whether the layers are complete: they are, unless the 128 nearest layers of some
+    `bits` is the `grid_bits` of the plan. Returns the layers, the number of samples along a side of
+    a pixel, and whether the layers are complete. They are, unless the 128 nearest layers of some
     sample are all translucent.
     """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
@@ -176,8 +183,8 @@ def list_layers(
 ) -> list[dict[str, Any]]:
     """List the triangles of the inspected pixel, nearest first, for JSON.
 
-    - `index`: for each triangle of `layers`, its index in the whole scene.
-    - `center`: row and column of the inspected pixel in the lens.
+    - `index`: for each triangle of `layers`, its index in the complete scene.
+    - `center`: row and column of the inspected pixel in `layers`.
 
     Weights, colour, depth, uv and level are means over the samples that the triangle covers.
     """
@@ -218,14 +225,20 @@ def list_layers(
 
 
 def _grid_bits(view: View, settings: Settings) -> int | None:
-    """The `grid_bits` of the whole canvas, for a plan of a window; None for analytic coverage."""
+    """The `grid_bits` of the complete canvas of a view, for a plan of a window of it.
+
+    None for analytic coverage.
+    """
     if settings.coverage != "sampled":
         return None
     return Grid.for_canvas(view.height, view.width, settings.hard().rate).bits
 
 
 def _name(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:
-    """Index in the whole scene of a triangle of the window; -1 for the background."""
+    """Index in the complete scene of a triangle of the window; -1 for the background.
+
+    `triangle` is the index in the window, and `index` has the indices in the complete scene.
+    """
     return int(index[triangle]) if triangle >= 0 else -1
 
 
@@ -238,7 +251,10 @@ def _edges(
 ) -> list[dict[str, Any]]:
     """List the corners of the triangles that cover the inspected pixel, for JSON.
 
-    Corners are in pixels of the window. `center` is row and column of the pixel in the lens.
+    - `scene`, `index`: the triangles of the window, and their indices in the complete scene.
+    - `center`: row and column of the inspected pixel in `layers`.
+
+    Corners are in pixels of the window.
     """
     named = np.unique(np.asarray(layers.triangle)[center, center])
     positions = np.asarray(scene.positions, np.float64) - [window.x, window.y]
@@ -251,6 +267,7 @@ def _edges(
 
 
 def _as_rgba(colors: Float[np.ndarray, "*shape channels"]) -> UInt8[np.ndarray, "*shape 4"]:
+    """Convert float colours to bytes of RGBA; alpha is 255 if the colours have none."""
     levels = to_bytes(np.asarray(colors, np.float32))
     if levels.shape[-1] == 4:
         return levels

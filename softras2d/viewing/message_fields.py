@@ -1,4 +1,4 @@
-"""Reads the fields of a message from a page, which may hold anything, into a dataclass."""
+"""Reads the fields of a message from a page into a dataclass, whatever the message contains."""
 
 import math
 from collections.abc import Mapping
@@ -37,10 +37,10 @@ def read_fields(kind: type[T], message: Any) -> T:
 
 
 def read_value(name: str, expected: Any, value: Any) -> Any:
-    """Check `value`, and return it as an `int`, a `float`, or one of the strings of a `Literal`.
+    """Check `value`; returns it as an `int`, a `float`, or one of the strings of a `Literal`.
 
-    `expected` is `int`, `float` or the `Literal`. Raises `ValueError`, which begins with `name`,
-    for a value of another type.
+    `expected` is `int`, `float` or the `Literal`. Raises `ValueError`, whose message names the
+    field `name`, for a value of another type.
     """
     if expected in (int, float):
         if not _is_finite(value) or (expected is int and value != int(value)):
@@ -65,6 +65,6 @@ def _is_finite(value: Any) -> bool:
 
 
 def check_range(name: str, value: int | float, least: int | float, most: int | float) -> None:
-    """Raise `ValueError` unless `value` is from `least` to `most`."""
+    """Raise `ValueError`, which names the field `name`, unless `value` is in `least` to `most`."""
     if not least <= value <= most:
         raise ValueError(f"`{name}` must be {least:g} to {most:g}; got {value:g}.")

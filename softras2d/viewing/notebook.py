@@ -1,4 +1,4 @@
-"""`view`: shows scenes, fits, textures and images in a notebook."""
+"""Shows scenes, fits, textures and images in a notebook, with the function `view`."""
 
 import os
 from pathlib import Path
@@ -41,13 +41,13 @@ def view(
       An image can be compared with the other subjects, and can be the target of gradients. An SVG
       file or an image file is drawn again when it changes.
     - `height`, `width`: size of the canvas of scenes, in pixels; by default the smallest canvas
-      from (0, 0) that holds all triangles.
+      from (0, 0) that contains all triangles, at most 4096 pixels.
     - `widget_height`: height of the widget on the screen, 200 to 2000 pixels.
 
     Returns the widget, which a notebook shows if it is the last value of a cell. Where no kernel
-    runs, it shows a picture of the first subject. Press ? in it for a list of keys. If
-    `softras2d.keep_compiled_programs()` was called, the first pictures of the next session compile
-    nothing.
+    runs, the widget shows a picture of the first subject. Press ? in the widget for a list of keys.
+    If `softras2d.keep_compiled_programs()` was called, the first pictures of the next session
+    compile nothing.
 
     Raises `ImportError`, with a message of one line, if anywidget is missing, and `ValueError` for
     subjects of other kinds and for batches of scenes.
@@ -67,7 +67,12 @@ def view(
 
 
 def _subject_of(given: Any, number: int, height: int | None, width: int | None) -> Subject:
-    """Make the subject for one argument of `view`, which is argument `number`, from 0."""
+    """Make the subject for one argument of `view`.
+
+    - `given`: the argument.
+    - `number`: its index among the subjects, from 0.
+    - `height`, `width`: as in `view`.
+    """
     if isinstance(given, Scene):
         if np.ndim(given.positions) != 2:
             raise ValueError(f"subject {number} is a batch of scenes: give them one by one.")

@@ -13,19 +13,21 @@ from .subject import FitState, Subject
 def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
     """Make one subject for each file: an SVG drawing, a saved fit (`.npz`), or an image.
 
-    Drawings and images are read when they are shown, and again whenever they change.
+    Drawings and images are read when they are shown, and again whenever they change. `options` say
+    how SVG files are read.
     """
     kept_images = ImageCache()
     return [_open(path, options, kept_images) for path in paths]
 
 
 def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory:
-    """Make a subject of the scene and the history of a fit; `source` as in `SceneInMemory`."""
+    """Make a subject of the scene and the history of a fit. `source` is as in `SceneInMemory`."""
     state = FitState(tuple(result.history))
     return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 
 
 def _open(path: Path, options: ReadOptions, kept_images: ImageCache) -> Subject:
+    """Make the subject of one file, by its suffix."""
     suffix = path.suffix.lower()
     if suffix in (".svg", ".svgz"):
         return SceneFile(path, options)

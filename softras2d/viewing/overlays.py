@@ -1,4 +1,4 @@
-"""Data of the overlays of a view: triangle edges, list lengths of tiles, position gradients."""
+"""Computes overlays of a view: triangle edges, list lengths of tiles, position gradients."""
 
 from dataclasses import replace
 
@@ -30,7 +30,10 @@ MOST_ARROWS = 3_000
 
 
 def triangle_edges(scene: Scene, view: View) -> Float32[np.ndarray, "triangles 3 2"]:
-    """Corners of the triangles in view, in pixels of the canvas, for at most `MOST_EDGES`."""
+    """Corners of the triangles in view, in pixels of the canvas.
+
+    At most `MOST_EDGES` triangles are returned, the last ones in draw order.
+    """
     near, _ = cull(scene, view, margin=1.0)
     corners = np.asarray(near.positions, np.float64)[np.asarray(near.triangles)[-MOST_EDGES:]]
     return (corners - [view.x, view.y]).astype(np.float32)
@@ -61,7 +64,8 @@ def position_gradients(
 ) -> Float32[np.ndarray, "vertices 4"]:
     """Differentiate the mean squared difference to a target by the positions of vertices in view.
 
-    `target` is straight RGBA of the size of the view. Each pixel is weighted by its alpha.
+    `target` is straight RGBA of the size of the view. The difference at each pixel is weighted by
+    the alpha of the target.
 
     Each row of the result is the position (x, y) of a vertex in pixels of the canvas, and the
     derivative with respect to its x and y. Rows are sorted by the length of the gradient, longest

@@ -11,8 +11,10 @@ import numpy as np
 from jaxtyping import UInt8
 
 BLOCK = 16
-"""Number of pixels in a block. Pixels are counted row by row, so a block may begin at the end of
-one row and end in the next."""
+"""Number of pixels in a block.
+
+Pixels are counted row by row, so a block may begin at the end of one row and end in the next.
+"""
 
 _LEAST_SHARE = 0.3
 """Fraction of the blocks that must have a single colour for the picture to be packed."""
@@ -40,7 +42,7 @@ class PackedPixels(NamedTuple):
 
 
 def pack_pixels(rgba: UInt8[np.ndarray, " bytes"]) -> PackedPixels | None:
-    """Pack the RGBA bytes of a picture, given row by row; None if that would save little."""
+    """Pack the RGBA bytes of a picture, given row by row; None if packing would save little."""
     pixels = rgba.view(np.uint32)
     count = len(pixels) // BLOCK
     blocks = pixels[: count * BLOCK].reshape(count, BLOCK)

@@ -1,4 +1,4 @@
-"""Plans of views, which are kept so that panning and small zooms compile nothing.
+"""Plans of views, which are stored so that panning and small zooms compile nothing.
 
 JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
 every frame, so the plan of one frame is used for as long as it is large enough, with another
@@ -11,8 +11,8 @@ cuts triangles at the guard band, because zooming moves most triangles past the 
 is first drawn with a tight plan, while a plan with headroom is made and compiled in another thread
 (`background.py`). A small canvas always has a plan with headroom.
 
-Each octave of zoom, a factor of two, has its own plan. At first it is the plan of the nearest
-octave; it is replaced when a view outgrows it.
+Each octave of zoom, a factor of two, has a plan of its own. At first it is the plan of the nearest
+octave, which is replaced when a view outgrows it.
 """
 
 import math
@@ -36,26 +36,32 @@ from .settings import Settings
 from .view import View
 
 TIGHT_PLAN_PIXELS = 2**20
-"""Number of pixels of a canvas from which its first plan is tight. On smaller canvases the unused
-capacity of a plan with headroom costs less than compiling twice."""
+"""Number of pixels of a canvas from which its first plan is tight.
+
+On smaller canvases, the unused capacity of a plan with headroom costs less than compiling twice.
+"""
 
 _HEADROOM = 1.25
 """Length of the lists of a plan with headroom, as a multiple of what its two views need.
 
-It doubles whenever a plan is outgrown, which a running fit does again and again.
+The multiple doubles whenever a plan is outgrown, which a running fit does again and again.
 """
 
 _MAX_HEADROOM = 5.0
+"""Maximum of the multiple that starts with `_HEADROOM`."""
 
 _MAX_PLANS = 64
-"""Largest number of plans that are kept."""
+"""Maximum number of plans that are stored."""
 
 _MAX_MEMORY = 4 * 2**30
-"""Largest size, in bytes, of the arrays of a render; a view that needs more is refused."""
+"""Maximum size, in bytes, of the arrays of a render; a view that needs more is refused."""
 
 
 class ViewPlans:
-    """Cache of the plans of recent views."""
+    """Cache of the plans of recent views.
+
+    The docstring of `plans.py` explains tight plans, headroom and octaves.
+    """
 
     def __init__(self):
         self._plans: OrderedDict[tuple[Hashable, int], Plan] = OrderedDict()
@@ -66,8 +72,8 @@ class ViewPlans:
     ) -> Plan:
         """Return a plan for this view, which may turn out to be too small.
 
-        `grid_bits`: as in `plan`. If plans for this kind of views are kept, returns the one of the
-        nearest octave of zoom; otherwise makes one.
+        If there are plans for views of the same kind (`kind_of`), the plan of the nearest octave of
+        zoom is returned; otherwise, a plan is made. `grid_bits` is as in `plan`.
         """
         kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
         nearest_first = sorted(
@@ -87,7 +93,10 @@ class ViewPlans:
     def enlarge(
         self, scene: Scene, view: View, settings: Settings, grid_bits: int | None = None
     ) -> Plan:
-        """Make a plan with more headroom for this view, and keep it for the octave of zoom."""
+        """Make a plan with more headroom for this view, and store it for the view's octave of zoom.
+
+        `grid_bits` is as in `plan`.
+        """
         key = kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, _HEADROOM)
         plan = headroom_plan(scene, view, settings, grid_bits, headroom)
@@ -96,10 +105,11 @@ class ViewPlans:
         return plan
 
     def adopt(self, scene: Scene, view: View, settings: Settings, plan: Plan) -> Plan:
-        """Keep a plan with headroom that another thread has made, for the view's octave of zoom.
+        """Store a plan with headroom that another thread has made, for the view's octave of zoom.
 
-        `plan` is for the view's kind (`kind_of`). Returns it with the origin and the other array
-        leaves of this view. If it is outgrown, the next one gets twice the default headroom.
+        `plan` is for the view's kind (`kind_of`). Returns the plan with the origin and the other
+        array leaves of this view. If the plan is outgrown, the next one gets twice the default
+        headroom.
         """
         key = kind_of(scene, view, settings), _octave(view)
         self._headroom[key] = 2 * _HEADROOM
@@ -107,6 +117,10 @@ class ViewPlans:
         return _at(plan, view, settings)
 
     def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
+        """Store a plan by `key`: its kind of views, and its octave of zoom.
+
+        Beyond `_MAX_PLANS` plans, the plan that was stored first is dropped.
+        """
         self._plans[key] = plan
         self._plans.move_to_end(key)
         while len(self._plans) > _MAX_PLANS:
@@ -121,10 +135,10 @@ def headroom_plan(
     grid_bits: int | None = None,
     headroom: float = _HEADROOM,
 ) -> Plan:
-    """Make a plan for a view and the same view at twice the zoom, with headroom.
+    """Make a plan for a view and for the same view at twice the zoom, with headroom.
 
-    `headroom` and `grid_bits`: as in `plan`. Under sampled coverage, the plan cuts triangles at the
-    guard band, even if the view has none that reaches it.
+    `headroom` and `grid_bits` are as in `plan`. Under sampled coverage, the plan cuts triangles at
+    the guard band, even if no triangle of the view reaches it.
     """
     scenes = [scene, _at_twice_the_zoom(scene, view)]
     plan = _make_plan(scenes, view, settings, grid_bits, headroom)
@@ -142,7 +156,8 @@ def _make_plan(
 ) -> Plan:
     """Make a plan for some scenes on the canvas of a view.
 
-    Raises `ValueError` if a render would take more than `_MAX_MEMORY`.
+    `headroom` and `grid_bits` are as in `plan`. Raises `ValueError` if a render would take more
+    than `_MAX_MEMORY`.
     """
     plan = make_plan(
         scenes,
@@ -166,6 +181,7 @@ def _make_plan(
 
 
 def _octave(view: View) -> int:
+    """Octave of the zoom of a view: its binary logarithm, rounded."""
     return math.floor(math.log2(view.zoom) + 0.5)
 
 
@@ -205,4 +221,5 @@ def _at(plan: Plan, view: View, settings: Settings) -> Plan:
 
 
 def _like(value: Any, leaf: Any) -> Any:
+    """Put a value on the device, in the dtype of `leaf`."""
     return to_device(np.asarray(value, leaf.dtype))

@@ -1,4 +1,4 @@
-"""A subject that is an SVG drawing, read again for each zoom and whenever its file changes."""
+"""Defines the subject that is an SVG drawing, read again for each zoom and whenever it changes."""
 
 import shlex
 from dataclasses import dataclass
@@ -45,10 +45,11 @@ class ReadOptions:
 class SceneFile(Subject):
     """A subject that is an SVG file, or the text of one.
 
-    It is read again at each zoom, so that curves are as smooth, and lines of one pixel as thin, as
-    the enlarged drawing needs.
+    The drawing is read again at each zoom, so that curves are as smooth, and lines of one pixel as
+    thin, as the enlarged drawing needs.
 
     - `path`: the file, or the name that stands for `text` on the command line, such as `-`.
+    - `options`: how the drawing is read.
     - `text`: contents to read instead of the file, such as standard input; None to read the file.
     """
 
@@ -73,7 +74,10 @@ class SceneFile(Subject):
             return 0
 
     def size(self) -> tuple[int, int]:
-        """Height and width, in pixels, that the drawing declares."""
+        """Height and width, in pixels, that the drawing declares.
+
+        Raises `SvgError` if the drawing cannot be read or declares no size.
+        """
         version = self.version
         if self._size is None or self._size[0] != version:
             try:
@@ -102,7 +106,7 @@ class SceneFile(Subject):
         return scene
 
     def notes(self) -> tuple[str, ...]:
-        """Warnings about elements that were not drawn."""
+        """Warnings about what was left out or ignored when the drawing was last read."""
         return self._notes
 
     def command(self, view: View, settings: Settings) -> str:

@@ -1,4 +1,4 @@
-"""A subject that is a scene in memory, such as the scene of a fit."""
+"""Defines the subject that is a scene in memory, such as the scene of a fit."""
 
 import math
 
@@ -59,7 +59,7 @@ class SceneInMemory(Subject):
         return self._fit
 
     def replace(self, scene: Scene, fit: FitState | None) -> None:
-        """Show another scene of the same size from now on."""
+        """Show another scene of the same size from now on, with the progress of its fit."""
         self._scene, self._fit = scene, fit
         self._version += 1
 
@@ -74,7 +74,7 @@ class SceneInMemory(Subject):
 def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
     """Multiply the x and y of a scene's positions by two factors.
 
-    The product is computed on the host, where nothing is compiled.
+    The products are computed on the host, where nothing is compiled.
     """
     positions = np.asarray(scene.positions)
     # In float64, so that each coordinate is rounded once.
@@ -84,9 +84,9 @@ def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
 
 
 def default_size(scene: Scene) -> tuple[int, int]:
-    """Height and width of the smallest canvas from (0, 0) that holds all triangles of a scene.
+    """Height and width of the smallest canvas from (0, 0) that contains all triangles of a scene.
 
-    A scene that reaches further than 4096 pixels gets a canvas of 4096 pixels.
+    A side is at most 4096 pixels, even if the scene reaches further.
     """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles).reshape(-1)]
     corners = corners[np.isfinite(corners).all(axis=1)]

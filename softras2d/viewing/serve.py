@@ -16,18 +16,20 @@ from .worker import Worker
 ADDRESS = "127.0.0.1"
 
 MAX_MESSAGE_BYTES = 2**16
-"""Longest message that a page may send, in bytes; requests are far shorter."""
+"""Maximum length of a message that a page may send, in bytes; requests are far shorter."""
 
 _END_SECONDS = 20.0
-"""Longest time, in seconds, that `close` waits for the picture that is being drawn. Python must not
-end while XLA compiles."""
+"""Maximum time, in seconds, that `close` waits for the picture that is being drawn.
+
+Python must not end while XLA compiles.
+"""
 
 _SEND_SECONDS = 0.2
 """Time, in seconds, for the last picture to be sent to the pages."""
 
 
 class ViewerServer:
-    """A running server of the viewer, which `close` ends; also a context manager.
+    """A running server of the viewer, which `close` ends. It is also a context manager.
 
     Ending the server closes the session too. Raises `OSError` if the port is in use.
 
@@ -75,7 +77,7 @@ class ViewerServer:
             self._thread.join(0.5)
 
     def close(self) -> None:
-        """End the server and its worker, after the picture that is being drawn."""
+        """End the server, its worker and its session, after the picture that is being drawn."""
         try:
             try:
                 self._worker.close(_END_SECONDS)

@@ -1,4 +1,4 @@
-"""The web server of the viewer: the page, its script, and the WebSocket that carries messages."""
+"""Serves the page of the viewer, its script, and the WebSocket that carries messages."""
 
 import asyncio
 import contextlib
@@ -23,7 +23,7 @@ _FILES = {
     "/viewer.js": ("viewer.js", "text/javascript"),
     "/viewer.css": ("viewer.css", "text/css"),
 }
-"""For the path of each file that is served, its name in `STATIC` and its media type."""
+"""For the path of each file that is served, the file's name in `STATIC` and its media type."""
 
 _HEADERS = {
     # The page loads nothing from the net, and no other page may embed it.
@@ -82,7 +82,7 @@ class _Connection:
                     await task
 
     async def _receive(self) -> None:
-        """Pass requests on to the worker, until the page is closed or sends something else."""
+        """Pass requests on to the worker, until the page is closed or sends no valid request."""
         while True:
             message = await self._websocket.receive()
             if message["type"] != "websocket.receive":
@@ -100,11 +100,13 @@ class _Connection:
             )
 
     def _deliver_from_worker(self, reply: Reply) -> None:
+        """Deliver a reply from the thread of the worker."""
         # The server may have ended while a picture was drawn.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._deliver, reply)
 
     def _deliver(self, reply: Reply) -> None:
+        """Queue a reply for sending. A new picture replaces a waiting picture of the same slot."""
         if reply.header["kind"] == "picture":
             # A page that is slow to receive gets the newest picture only.
             self._replies = [waiting for waiting in self._replies if not _replaces(reply, waiting)]
@@ -112,6 +114,7 @@ class _Connection:
         self._has_replies.set()
 
     async def _send(self) -> None:
+        """Send the queued replies to the page, until the task is cancelled."""
         while True:
             await self._has_replies.wait()
             while self._replies:
@@ -130,6 +133,7 @@ class _Connection:
 
 
 def _replaces(new: Reply, old: Reply) -> bool:
+    """Whether a reply has the kind and the slot of an older one."""
     return all(new.header.get(name) == old.header.get(name) for name in ("kind", "slot"))
 
 

@@ -2,8 +2,8 @@
 
 A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` and a `slot`, which
 the replies repeat, and fields that depend on the kind. The slot tells the two pictures of a page
-apart: "a" is the subject that it shows, and "b" is the one that it is compared with. A reply has a
-header, for JSON, and bytes.
+apart: "a" is the picture of the subject that the page shows, and "b" is the picture of the subject
+with which it is compared. A reply has a header, for JSON, and bytes.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ _COST_REPEATS = 3
 
 
 class Reply(NamedTuple):
-    """A reply to a request: a header for JSON, and bytes."""
+    """A reply to a request: a header for JSON, and the bytes `payload`."""
 
     header: dict[str, Any]
     payload: Any = b""
@@ -68,7 +68,10 @@ class Session:
         self._artist.close()
 
     def set_shown_subject(self, page: Hashable, number: object) -> None:
-        """Record the number of the subject that a page shows; None for a page that was closed."""
+        """Record which subject a page shows, and tell each subject whether any page shows it.
+
+        `number` is the index of the subject; None for a page that was closed.
+        """
         self._subject_of_page[page] = number
         if number is None:
             del self._subject_of_page[page]
@@ -76,7 +79,7 @@ class Session:
             subject.watch(subject_number in self._subject_of_page.values())
 
     def answer(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Answer a request; yields one reply or several, each when it is computed.
+        """Answer a request; yields one reply or several, each when it has been computed.
 
         An error in a request or a file is answered by a reply of kind `"error"`, whose `message` is
         one line.
@@ -99,7 +102,7 @@ class Session:
             yield Reply(request_fields | {"kind": "error", "request": kind, "message": message})
 
     def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
-        """The subject whose number is the field `name` of a request; the first by default."""
+        """The subject whose index is the field `name` of a request; by default the first."""
         number = read_value(name, int, request.get(name, 0))
         check_range(name, number, 0, len(self.subjects) - 1)
         return self.subjects[number]
@@ -143,7 +146,7 @@ class Session:
         yield Reply({"name": self.subject_of(request).name}, png_of(rgba))
 
     def inspect(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Inspect a pixel; reply with its values and samples, then with its reference value."""
+        """Inspect a pixel; reply with its values and samples, and then with its reference value."""
         subject, view, settings = self._read(request)
         column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
         check_range("column", column, 0, view.width - 1)
@@ -183,7 +186,7 @@ class Session:
         """Reply with gradients by vertex positions: rows of (x, y, d/dx, d/dy) as float32.
 
         The differentiated function is the mean squared difference to the image of the subject that
-        the request names as `target`.
+        the field `target` of the request names.
         """
         subject, view, settings = self._read(request)
         target = self.subject_of(request, "target")
@@ -195,7 +198,7 @@ class Session:
     def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Measure the time of a render with and without each effect; one reply per effect.
 
-        The first reply, with effect None, is about the complete scene.
+        The header of the first reply, whose effect is None, has the time of the complete scene.
         """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
@@ -234,12 +237,14 @@ _ANSWERS: dict[str, Callable[[Session, Mapping[str, Any]], Iterator[Reply]]] = {
 """The method that answers each kind of request. The most urgent kinds come first."""
 
 RANKS = {kind: rank for rank, kind in enumerate(_ANSWERS)}
-"""Rank of each kind of request, from 0. Of the waiting requests, the one of least rank is answered
-first."""
+"""Rank of each kind of request, from 0.
+
+Of the waiting requests, the one of least rank is answered first.
+"""
 
 
 def scalar(value: Any) -> str | int | float | None:
-    """Return the value if it is a string or a number; else None.
+    """Return the value if it is a string or a number; otherwise None.
 
     Replies repeat fields of a request. They never repeat lists or objects, which may be nested
     deeply.
@@ -259,7 +264,10 @@ def _one_line(error: Exception) -> str:
 
 
 def _is_debugging() -> bool:
-    """Whether tracebacks are wanted, as for the commands (environment variable SOFTRAS2D_DEBUG)."""
+    """Whether tracebacks are wanted, as the environment variable SOFTRAS2D_DEBUG says.
+
+    They are if it is set to anything but 0.
+    """
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
 

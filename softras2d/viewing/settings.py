@@ -10,6 +10,7 @@ SOFT_WIDTHS = (0.1, 8.0)
 """Least and greatest width of soft edges, in pixels."""
 
 LOD_BIASES = (-8.0, 8.0)
+"""Least and greatest bias of the level of detail, in mip levels."""
 
 
 @dataclass(frozen=True)
@@ -69,5 +70,5 @@ class Settings:
         return next(width for width in (1.0, 2.0, 4.0, 8.0) if self.soft_width <= width)
 
     def without_arrays(self) -> "Settings":
-        """These settings with fixed values for the numbers that change without recompiling."""
+        """These settings, with fixed values for the numbers that change without recompiling."""
         return replace(self, soft_width=self.planned_width() or SOFT_WIDTHS[0], lod_bias=0.0)

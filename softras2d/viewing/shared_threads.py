@@ -1,4 +1,4 @@
-"""The threads that all widgets of a process share: one draws, and one looks for changed files.
+"""Starts the threads that all widgets of a process share: one draws, one watches for changes.
 
 They are shared because widgets accumulate: a notebook makes a widget each time that a cell runs,
 and the front end keeps the old ones.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from .worker import Worker
 
 _POLL_SECONDS = 0.5
-"""Time, in seconds, between two checks of the watched files."""
+"""Time, in seconds, between two checks whether subjects have changed."""
 
 
 @functools.cache
@@ -30,7 +30,7 @@ def shared_watcher() -> "Watcher":
 
 @dataclass
 class _Watched:
-    """Contents that are watched.
+    """Subjects whose versions are checked.
 
     - `versions`: returns the present version of each subject.
     - `last_versions`: the versions at the last check.
@@ -43,7 +43,7 @@ class _Watched:
 
 
 class Watcher:
-    """Checks the versions of contents periodically, in a thread of its own.
+    """Checks the versions of subjects periodically, in a separate thread.
 
     - `seconds`: time between two checks.
     """
@@ -61,10 +61,10 @@ class Watcher:
         versions: Callable[[], list[int]],
         tell: Callable[[list[int]], None],
     ) -> None:
-        """Call `tell` with the result of `versions`, whenever it has changed.
+        """Call `tell` with the result of `versions`, whenever the result has changed.
 
-        Both are called from the thread of the watcher. `owner` is the key to `forget` this later;
-        if it is watched already, nothing changes.
+        The thread of the watcher calls both functions. `owner` is the key with which `forget` stops
+        this; if the owner is watched already, nothing changes.
         """
         with self._changed:
             if owner not in self._watched:
@@ -72,7 +72,7 @@ class Watcher:
                 self._changed.notify()
 
     def forget(self, owner: Hashable) -> None:
-        """Stop watching the contents of an owner."""
+        """Stop calling the functions that an owner has passed to `watch`."""
         with self._changed:
             self._watched.pop(owner, None)
 

@@ -1,4 +1,4 @@
-"""The still picture of a session, for notebook pages without a running kernel."""
+"""Draws the still picture of a session, for notebook pages without a running kernel."""
 
 from .draw import Artist
 from .png import png_of
@@ -7,13 +7,13 @@ from .settings import Settings
 from .view import View
 
 _ASPECT = 4 / 3
-"""Greatest width of the picture, relative to the greatest height."""
+"""Maximum width of the picture, as a multiple of its maximum height."""
 
 
 def still_png(session: Session, height: int) -> bytes:
-    """Draw the first subject as a PNG file.
+    """Draw the first subject of a session as a PNG file.
 
-    It is at most `height` pixels high, and at most 4/3 times `height` pixels wide.
+    The picture is at most `height` pixels high, and at most 4/3 times `height` pixels wide.
     """
     subject = session.subjects[0]
     rows, columns = subject.size()

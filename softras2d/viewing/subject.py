@@ -1,4 +1,4 @@
-"""The interface of a subject, which is something that the viewer shows."""
+"""States the interface of a subject, which is a drawing or an image that the viewer shows."""
 
 import abc
 from collections import OrderedDict
@@ -14,7 +14,7 @@ from .settings import Settings
 from .view import View, enlarged_size
 
 _KEPT_SCENES = 4
-"""Number of enlarged scenes that a subject keeps, for pages that show different zooms."""
+"""Number of enlarged scenes that a subject stores, for pages that show different zooms."""
 
 
 class FitState(NamedTuple):
@@ -25,14 +25,14 @@ class FitState(NamedTuple):
 
 
 class Subject(abc.ABC):
-    """A drawing or an image that is shown at any zoom.
+    """A drawing or an image that the viewer shows at any zoom.
 
     A subclass implements `scene_at` if it is made of triangles, and `pixels` if it is an image.
 
-    - `name`: what a page calls it; several subjects may have the same name.
-    - `is_image`: whether it is an image.
-    - `may_change`: whether its contents may change while it is shown, for example because a file is
-      edited.
+    - `name`: what a page calls the subject; several subjects may have the same name.
+    - `is_image`: whether the subject is an image.
+    - `may_change`: whether the contents may change while the subject is shown, for example because
+      a file is edited.
     """
 
     is_image = False
@@ -48,17 +48,23 @@ class Subject(abc.ABC):
 
     @abc.abstractmethod
     def size(self) -> tuple[int, int]:
-        """Height and width, in pixels, at zoom 1. Raises `ValueError` if it cannot be read."""
+        """Height and width of the subject in pixels, at zoom 1.
+
+        Raises `ValueError` if the subject cannot be read.
+        """
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene with positions in pixels of the drawing enlarged by `zoom`.
+        """The scene of the drawing, with positions in pixels of the drawing enlarged by `zoom`.
 
-        Raises `ValueError` if it cannot be read.
+        Raises `ValueError` if the subject cannot be read, or is an image.
         """
         raise ValueError(f"{self.name} is an image, and has no triangles.")
 
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
-        """The part of the image that a view shows, as straight RGBA in sRGB."""
+        """The part of the image that a view shows, as straight RGBA in sRGB.
+
+        Raises `ValueError` if the subject cannot be read, or is not an image.
+        """
         raise ValueError(f"{self.name} is made of triangles, and is not an image.")
 
     def command(self, view: View, settings: Settings) -> str:
@@ -70,21 +76,24 @@ class Subject(abc.ABC):
         return ()
 
     def watch(self, is_watched: bool) -> None:  # noqa: B027
-        """Called when pages open, close or switch: whether any page shows this subject now."""
+        """Called when pages open, close or switch subjects.
+
+        `is_watched` says whether any page shows this subject now.
+        """
 
     def fit_state(self) -> FitState | None:
-        """Progress of the fit that makes, or has made, the subject; None for other subjects."""
+        """Progress of the fit whose scene this subject shows; None for other subjects."""
         return None
 
 
 class SceneCache:
-    """Cache of the last few scenes of a subject, by version and size in pixels."""
+    """Cache of the last few scenes of a subject, by version of the subject and size in pixels."""
 
     def __init__(self):
         self._scenes: OrderedDict[tuple[int, int, int], Scene] = OrderedDict()
 
     def get(self, subject: Subject, zoom: int | float, make: Callable[[int, int], Scene]) -> Scene:
-        """Return the scene of this zoom, and make it unless it is in the cache.
+        """Return the scene of a subject at a zoom, which is made unless it is in the cache.
 
         `make(height, width)` makes the scene for an enlarged drawing of this size, in pixels.
         """

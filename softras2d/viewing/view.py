@@ -1,4 +1,4 @@
-"""A view: the part of a drawing that is shown, and how large."""
+"""Defines the view: which part of a drawing is shown, and how large."""
 
 from dataclasses import dataclass
 
@@ -6,17 +6,18 @@ from ..io.svg.elements.view_box import MAX_SIDE
 from .message_fields import check_range
 
 MAX_CANVAS_SIDE = 8192
+"""Maximum length of a side of a view's canvas, in pixels."""
 MAX_CANVAS_PIXELS = 2**24
-"""Longest side of the canvas of a view, in pixels, and its greatest number of pixels."""
+"""Maximum number of pixels of a view's canvas."""
 
 
 @dataclass(frozen=True)
 class View:
     """The part of a drawing that a canvas shows.
 
-    - `zoom`: pixels of the canvas for one pixel of the drawing.
-    - `x`, `y`: the pixel of the enlarged drawing at the canvas's upper left, like the `origin` of a
-      plan.
+    - `zoom`: pixels of the canvas per pixel of the drawing.
+    - `x`, `y`: pixel of the enlarged drawing that is at the top left of the canvas, like the
+      `origin` of a plan.
     - `height`, `width`: size of the canvas, in pixels.
 
     Raises `ValueError` for values outside the range that can be drawn.

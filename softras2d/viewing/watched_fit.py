@@ -1,4 +1,4 @@
-"""A subject that shows a fit while it runs."""
+"""Defines the subject that shows a fit while it runs."""
 
 import threading
 
@@ -27,16 +27,16 @@ class WatchedFit(SceneInMemory):
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
-        """Record a chunk of steps, and show the best scene if the last one has been drawn."""
+        """Record a progress report, and show its scene if the last scene shown has been drawn."""
         self._records.append(report.record)
         if self._version == 1 or self._drawn_version == self._version:
             self._show(report.scene(), is_running=True)
 
     def finish(self, result: FitResult, seconds: int | float) -> None:
-        """Show the result, and wait until a page shows it, for at most `seconds`.
+        """Show the result of the fit, and wait until a page shows it, for at most `seconds`.
 
-        A page counts as showing it once it was told that the fit has ended, and the last scene is
-        being drawn. Returns at once if no page shows this subject.
+        A page counts as showing the result once it was told that the fit has ended, and the last
+        scene is being drawn. Returns at once if no page shows this subject.
         """
         self._records = list(result.history)
         self._show(result.scene, is_running=False)
@@ -79,4 +79,5 @@ class WatchedFit(SceneInMemory):
         return is_shown or not self._is_watched
 
     def _show(self, scene: Scene, *, is_running: bool) -> None:
+        """Show a scene and the recorded progress from now on."""
         self.replace(scene, FitState(tuple(self._records), is_running))

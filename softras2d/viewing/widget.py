@@ -1,4 +1,4 @@
-"""The viewer as a notebook widget. Imports anywidget."""
+"""Shows the viewer as a notebook widget. Imports anywidget."""
 
 # pyright: reportMissingImports=false
 
@@ -30,10 +30,10 @@ class _Output(NamedTuple):
 
 
 class ViewerWidget(anywidget.AnyWidget):
-    """A notebook widget that shows the subjects of a session, made by `softras2d.view`.
+    """A notebook widget that shows the subjects of a session; `softras2d.view` makes it.
 
-    Pictures are drawn in a thread, so that cells can run meanwhile. While an output shows the
-    widget, its files are watched for changes.
+    Pictures are drawn in a separate thread, so that cells can run meanwhile. While an output shows
+    the widget, the files of its subjects are watched for changes.
 
     - `height`: height of the widget on the screen, in pixels.
     - `still`: a picture, as a data URL, for pages without a running kernel. A saved notebook
@@ -60,7 +60,10 @@ class ViewerWidget(anywidget.AnyWidget):
         super().close()
 
     def _receive(self, widget: Any, request: Any, buffers: Any) -> None:
-        """Pass a request of an output on to the worker."""
+        """Pass a request of an output on to the worker.
+
+        The widget is called by the front end: `request` is the message, and `buffers` are not used.
+        """
         if not isinstance(request, dict):
             return
         # The outputs that show this widget zoom and pan independently.
@@ -83,14 +86,14 @@ class ViewerWidget(anywidget.AnyWidget):
         )
 
     def _forget(self, output: "_Output") -> None:
-        """Drop the requests of a closed output; without outputs, stop watching files."""
+        """Drop the requests of an output that was closed. Without outputs, stop watching files."""
         shared_worker().forget(output)
         self._outputs.discard(output)
         if not self._outputs and self._session.may_change:
             shared_watcher().forget(id(self))
 
     def _tell_versions(self, versions: list[int]) -> None:
-        """Tell all outputs that the contents of a subject have changed."""
+        """Tell all outputs that the contents of a subject have changed, with the new versions."""
         self.send({"kind": "changed", "versions": versions})
 
     def _repr_mimebundle_(self, **keywords: Any) -> Any:

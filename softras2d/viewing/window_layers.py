@@ -1,4 +1,4 @@
-"""The triangles that cover each sample of a small window, with all that the inspector shows."""
+"""Lists the triangles that cover each sample of a small window, with what the inspector shows."""
 
 from typing import NamedTuple
 
@@ -28,10 +28,10 @@ LAYERS = 8
 
 
 class WindowLayers(NamedTuple):
-    """The nearest triangles at each sample, or under analytic coverage at each pixel.
+    """The nearest triangles at each sample of a window, or at each pixel under analytic coverage.
 
-    Arrays are `[height, width, samples, layers, ...]`; analytic coverage has one sample. Entries
-    of unused layers, whose triangle is -1, have no meaning.
+    Arrays are `[height, width, samples, layers, ...]`; analytic coverage has one sample per pixel.
+    Entries of unused layers, whose triangle is -1, have no meaning.
 
     - `triangle`: index of the triangle in the scene, -1 for an unused layer.
     - `coverage`: 1 at a covered sample; under analytic coverage, the fraction of the pixel.
@@ -52,10 +52,10 @@ class WindowLayers(NamedTuple):
 
 
 def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray, " triangles"]]:
-    """Keep the triangles whose bounding box comes within `margin` pixels of the window of a view.
+    """Select the triangles whose bounding box comes within `margin` pixels of the window of a view.
 
-    Also returns the index of each kept triangle in the whole scene. Colours in the window stay the
-    same if `margin` is at least the reach of the coverage.
+    Returns a scene of these triangles, and the index of each in `scene`. Colours in the window stay
+    the same if `margin` is at least the distance to which the coverage reaches beyond triangles.
     """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low = np.array([view.x, view.y]) - margin
@@ -67,8 +67,8 @@ def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray
 def with_flat_depth(scene: Scene) -> Scene:
     """Give a scene without depth a depth of 0 everywhere.
 
-    Its picture stays the same, but no triangle is left out of a tile because others hide it. The
-    lists of tiles are therefore longer: make the plan for the returned scene.
+    Its picture stays the same, but no triangle is left out of a tile because opaque occluders hide
+    it. The lists of tiles are therefore longer: make the plan for the returned scene.
     """
     depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
     return eqx.tree_at(
@@ -81,8 +81,8 @@ def find_layers(
 ) -> tuple[WindowLayers, Bool[Array, ""]]:
     """Find the nearest `layers` triangles at each sample or pixel of a small canvas.
 
-    Also returns whether the scene outgrew the plan. Under analytic coverage this is always false:
-    `pixel_layers` raises `ValueError` instead.
+    Returns these triangles, and whether the scene outgrew the plan. Under analytic coverage, the
+    second result is always false, since `pixel_layers` raises `ValueError` instead.
     """
     if not len(scene.triangles):
         return _no_layers(plan, layers), to_device(False)
@@ -93,6 +93,7 @@ def find_layers(
 
 
 def _no_layers(plan: Plan, layers: int) -> WindowLayers:
+    """The layers of a scene without triangles: all of them are unused."""
     shape = (plan.height, plan.width, plan.grid.samples, layers)
     zeros = np.zeros((*shape, 4), np.float32)
     no_triangle = to_device(np.full(shape, -1, np.int32))
@@ -107,6 +108,10 @@ def on_host(layers: WindowLayers) -> WindowLayers:
 
 @eqx.filter_jit
 def _shade_samples(scene: Scene, plan: Plan, layers: int) -> tuple[WindowLayers, Bool[Array, ""]]:
+    """Find and shade the layers of each sample, with textures.
+
+    Returns the layers, and whether the scene outgrew the plan.
+    """
     visible = rasterize(scene, plan, layers=layers)
     triangle, weights = visible.triangle, visible.barycentric
     uv = level = None
@@ -177,8 +182,8 @@ def _level(
 ) -> Float[Array, "*points"]:
     """Mip level of detail at each point, clipped to the levels that the pyramid has.
 
-    `footprint` is the change of (u, v) for a step of one pixel, as `Visibility.footprint` returns
-    it.
+    - `index`: index of the texture at each point.
+    - `footprint`: change of (u, v) for a step of one pixel, as `Visibility.footprint` returns it.
     """
     base = textures.levels[jnp.maximum(index, 0), 0]
     height, width = base[..., 1].astype(footprint.dtype), base[..., 2].astype(footprint.dtype)

@@ -1,4 +1,4 @@
-"""A thread that answers requests one after another, and drops requests that newer ones replace."""
+"""Answers requests one after another in a thread, and drops those that newer ones replace."""
 
 import itertools
 import logging
@@ -16,7 +16,7 @@ class _Job(NamedTuple):
 
     - `rank`: 0 for the most urgent requests; requests of greater rank wait.
     - `sequence_number`: of requests of equal rank, the one with the least is answered first.
-    - `replies`: computes the next reply when it is advanced.
+    - `replies`: iterator that computes the next reply when it is advanced.
     - `deliver`: called with each reply.
     """
 
@@ -27,10 +27,10 @@ class _Job(NamedTuple):
 
 
 class Worker:
-    """Computes replies in a thread of its own, the most urgent first.
+    """Computes replies to requests in a separate thread, the most urgent first.
 
-    A job with several replies waits after each reply while there are more urgent jobs, of smaller
-    rank.
+    A job is a request whose replies are being computed. A job with several replies waits after each
+    reply while there are more urgent jobs, of smaller rank.
     """
 
     def __init__(self):
@@ -51,9 +51,9 @@ class Worker:
     ) -> None:
         """Compute `replies`, and call `deliver` with each, in the thread of the worker.
 
-        - `owner`: the page or output that asks; `forget` drops all of its jobs.
-        - `name`: what is asked for. An earlier job of the same owner and name is dropped; if its
-          next reply is being computed, that one is still delivered.
+        - `owner`: the page or output that sent the request; `forget` drops all of its jobs.
+        - `name`: kind of the request. An earlier job of the same owner and name is dropped; if its
+          next reply is being computed, that reply is still delivered.
         - `rank`: 0 for the most urgent jobs; jobs of greater rank wait.
         """
         with self._changed:
@@ -61,13 +61,13 @@ class Worker:
             self._changed.notify()
 
     def forget(self, owner: Hashable) -> None:
-        """Drop all jobs of an owner."""
+        """Drop all requests of an owner that are still to be answered."""
         with self._changed:
             for key in [key for key in self._jobs if key[0] == owner]:
                 del self._jobs[key]
 
     def close(self, seconds: int | float = 0) -> None:
-        """Drop all jobs, and wait up to `seconds` for the reply that is being computed."""
+        """Drop all requests, and wait up to `seconds` for the reply that is being computed."""
         with self._changed:
             self._jobs.clear()
             self._is_closed = True
@@ -75,6 +75,7 @@ class Worker:
         self._thread.join(seconds)
 
     def _run(self) -> None:
+        """Compute replies until the worker is closed."""
         while True:
             with self._changed:
                 while not self._jobs and not self._is_closed:
@@ -91,6 +92,7 @@ class Worker:
                 self._deliver(job, reply)
 
     def _deliver(self, job: _Job, reply: Reply) -> None:
+        """Deliver a reply; an error is logged."""
         try:
             job.deliver(reply)
         except Exception as error:
