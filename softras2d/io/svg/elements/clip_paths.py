@@ -22,13 +22,13 @@ from .user_space_bounds import bounds_of, map_of_element
 from .view_box import Box
 
 _MAX_NESTING = 32
-"""Maximum number of clip paths in a chain, each of which clips the one before."""
+"""Maximum number of clip paths in a chain, each of which clips the clip path before it."""
 
 
 class ClipPaths:
     """Computes the regions of the clip paths of a page.
 
-    Each is computed once for each map and bounding box that it is used with.
+    The region of a clip path is computed once for each map and bounding box with which it is used.
     """
 
     def __init__(self, page: Page):
@@ -42,8 +42,9 @@ class ClipPaths:
 
         - `style`: style of the element, which names its clip path.
         - `map3`: homogeneous map `[3, 3]` from the element's user units to pixels.
-        - `box`: bounding box of the element in its user units. May be None if `needs_box` is False;
-          None otherwise means an element without a box, of which nothing is visible.
+        - `box`: bounding box of the element in its user units. It may be None if `needs_box` is
+          False. Otherwise, None means an element without a bounding box, of which nothing is
+          visible.
         - `clip`: the clip of the element's parent; None for the whole plane.
 
         Returns None for the whole plane. An invalid or unsupported `clip-path` is noted and has no
@@ -77,9 +78,12 @@ class ClipPaths:
     ) -> Any:  # fmt: skip
         """The region, in pixels, of the `clip-path` that a style declares.
 
-        The arguments are as for `clipped`. `chain` holds the clip paths whose regions depend on
-        this one, so that a clip path that refers to itself is recognized. Returns None for the
-        whole plane: if no clip path is declared, or if it is invalid.
+        - `element`, `style`, `map3`, `box`: the element that is clipped, as for `clipped`.
+        - `chain`: the clip paths whose regions depend on this one, so that a clip path that refers
+          to itself is recognized.
+
+        Returns None for the whole plane: if no clip path is declared, or if the declaration is
+        invalid.
         """
         if style.clip_path is None:
             return None
@@ -113,7 +117,8 @@ class ClipPaths:
     ) -> Any:  # fmt: skip
         """The union of a `clipPath`'s children, clipped by its property `clip-path`, in pixels.
 
-        - `map3`, `box`: of the element that is clipped, as in `clipped`.
+        - `target`: the element `clipPath`.
+        - `map3`, `box`: map and bounding box of the element that is clipped, as in `clipped`.
         - `in_box`: whether `clipPathUnits` is `objectBoundingBox`, so that the clip path's units
           are the sides of `box`.
         - `chain`: as in `_declared_region`, with `target` as its last entry.
@@ -140,7 +145,7 @@ class ClipPaths:
         """The region, in pixels, of a child of a `clipPath`: a shape, or a `use` of a shape.
 
         - `parent`: style of the `clipPath`.
-        - `map3`: from the user units of the `clipPath` to pixels.
+        - `map3`: homogeneous map `[3, 3]` from the user units of the `clipPath` to pixels.
         - `chain`: as in `_declared_region`.
 
         Returns None for other elements, and for those that are not displayed or have no area.

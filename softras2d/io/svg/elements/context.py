@@ -1,4 +1,7 @@
-"""Holds the options and the collected results of reading one document, for both dialects."""
+"""Defines the options for reading one document, and the results collected so far.
+
+Both dialects use them.
+"""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -14,8 +17,11 @@ SILENT = frozenset({"title", "desc", "metadata"})
 """Elements that draw nothing in SVG, and are therefore skipped without a warning."""
 
 FALLBACK = "data-fallback"
-"""Attribute of the elements that `write_svg` adds for browsers alone, such as a gradient below a
-`colortri`. Both dialects skip these elements and their children without a warning."""
+"""Attribute of the elements that `write_svg` adds for browsers alone.
+
+An example is a gradient below a `colortri`. Both dialects skip these elements and their children
+without a warning.
+"""
 
 
 @dataclass
@@ -75,6 +81,7 @@ class Context:
 
 
 def _counts(counter: Counter[str]) -> str:
+    """The names in a counter with their counts as text; at most `MAX_NAMES` names."""
     names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
     if len(names) > MAX_NAMES:
         names[MAX_NAMES:] = [f"{len(names) - MAX_NAMES} more"]

@@ -30,7 +30,7 @@ class Units(NamedTuple):
 
     - `viewport`: for units such as `vw` and `rem`.
     - `box`: the reference box in user units, for percentages.
-    - `font_size`: of the element, in user units, for `em`.
+    - `font_size`: font size of the element in user units, for `em`.
     """
 
     viewport: Viewport
@@ -43,10 +43,12 @@ def _number(text: str, units: Units) -> float:
 
 
 def _factor(text: str, units: Units) -> float:
+    """Parse a factor: a number or a percentage."""
     return finite(text[:-1]) / 100 if text.endswith("%") else finite(text)
 
 
 def _angle(text: str, units: Units) -> float:
+    """Parse an angle; returns it in degrees. An angle other than 0 needs a unit."""
     match = _DIMENSION.match(text)
     if match is None or not match[1]:
         raise ValueError(f"expected an angle, got {text[:24]!r}")
@@ -57,10 +59,12 @@ def _angle(text: str, units: Units) -> float:
 
 
 def _along_x(text: str, units: Units) -> float:
+    """Parse a length along x; percentages are relative to the width of the reference box."""
     return units.viewport.css_length(text, units.box.width, units.font_size)
 
 
 def _along_y(text: str, units: Units) -> float:
+    """Parse a length along y; percentages are relative to the height of the reference box."""
     return units.viewport.css_length(text, units.box.height, units.font_size)
 
 
@@ -78,6 +82,7 @@ class _Function(NamedTuple):
 
 
 def _skew(x: float, y: float = 0.0) -> ndarray:
+    """The matrix of `skew`, for angles in degrees."""
     return affine_maps.skew_x(x) + affine_maps.skew_y(y) - affine_maps.identity()
 
 
@@ -97,9 +102,10 @@ _FUNCTIONS = {
 
 
 def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `transform`; returns its homogeneous matrix, in user units.
+    """Parse the CSS property `transform`; returns its homogeneous matrix, in user units.
 
-    Raises `ValueError` for invalid text, and for functions in three dimensions.
+    `units` are the sizes to which lengths are relative. Raises `ValueError` for invalid text, and
+    for functions in three dimensions.
     """
     product, position = affine_maps.identity(), 0
     text = text.strip()
@@ -116,12 +122,12 @@ def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `translate`, with the result and errors of `transform_property`."""
+    """Parse the CSS property `translate`, with the result and errors of `transform_property`."""
     return _property("translate", text, units)
 
 
 def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `rotate`, whose axis must be z or not given.
+    """Parse the CSS property `rotate`, whose axis must be z or not given.
 
     The result and errors are as for `transform_property`.
     """
@@ -132,14 +138,15 @@ def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the property `scale`, with the result and errors of `transform_property`."""
+    """Parse the CSS property `scale`, with the result and errors of `transform_property`."""
     return _property("scale", text, units)
 
 
 def _property(name: str, text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse a property whose value is the arguments of one function, separated by blanks.
+    """Parse a property whose value is the arguments of a transform function, separated by blanks.
 
-    `name` is the function, in lower case. Returns its matrix; `none` is the identity.
+    `name` is the function, in lower case. Returns the matrix of the function; `none` gives the
+    identity.
     """
     if text.strip().lower() in ("none", "initial", "unset"):
         return affine_maps.identity()
@@ -147,6 +154,11 @@ def _property(name: str, text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def _matrix(name: str, texts: list[str], units: Units) -> Float64[ndarray, "3 3"]:
+    """The matrix of a transform function, given the texts of its arguments.
+
+    `name` is the function, a key of `_FUNCTIONS`. Raises `ValueError` for a wrong number of
+    arguments, and for arguments that cannot be parsed.
+    """
     function = _FUNCTIONS[name]
     most = len(function.arguments)
     if not function.required <= len(texts) <= most:

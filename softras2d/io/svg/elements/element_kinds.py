@@ -41,7 +41,10 @@ def is_drawable(name: str) -> bool:
 
 
 def meets_conditions(element: Element) -> bool:
-    """Whether the conditional attributes of an element hold (SVG 2, section 5.6)."""
+    """Whether an element may be drawn according to its conditional attributes.
+
+    They are `requiredExtensions` and `systemLanguage` (SVG 2, section 5.6).
+    """
     if "requiredExtensions" in element.attrib:
         return False
     languages = element.attrib.get("systemLanguage")
@@ -54,8 +57,8 @@ def meets_conditions(element: Element) -> bool:
 def report_animations(page: Page, element: Element) -> None:
     """Note each animation that is a child of an element.
 
-    It is for elements that are not drawn where they stand, such as clip paths and gradients.
-    Children of drawn elements are noted as they are visited.
+    The function is for elements that are not drawn where they stand, such as clip paths and
+    gradients. Children of drawn elements are noted as they are visited.
     """
     for child in element.children:
         if child.name in ANIMATIONS:

@@ -71,10 +71,10 @@ def element_transform(
 def about_origin(
     map3: Float64[ndarray, "3 3"], style: Style, units: Units, report: Report
 ) -> Float64[ndarray, "3 3"]:
-    """The map `map3` about the `transform-origin` of a style instead of the origin.
+    """The map that applies `map3` about the `transform-origin` of a style, instead of about (0, 0).
 
-    `units` resolves lengths, and percentages of its reference box. An invalid origin is noted, and
-    then the result is `map3` itself.
+    `units` are the sizes to which lengths and percentages of the origin are relative. An invalid
+    origin is noted, and the result is then `map3` itself.
     """
     if style.transform_origin == "0 0":
         return map3
@@ -91,8 +91,9 @@ def _declared_map(
 ) -> Float64[ndarray, "3 3"]:
     """The map of one transform property, by the valid declaration of highest rank.
 
-    `name` is a key of `_PROPERTIES`. Invalid declarations are noted. The attribute `transform` has
-    the lowest rank. The result is the identity if no declaration is valid.
+    `name` is a key of `_PROPERTIES`, and `units` are the sizes to which lengths are relative.
+    Invalid declarations are noted. The attribute `transform` has the lowest rank. The result is the
+    identity if no declaration is valid.
     """
     for text in declared.css_values(name):
         try:

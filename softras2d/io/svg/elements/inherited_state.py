@@ -9,11 +9,11 @@ from ..xml.tree import Element
 
 
 class Instance(NamedTuple):
-    """A copy of an element, asked for by a `use`, that is being drawn.
+    """A copy of an element that is being drawn because a `use` refers to the element.
 
     - `target`: the element that is copied.
     - `use`: the `use` element that refers to it.
-    - `outer`: the instance inside of which this one is drawn; None for an outermost one.
+    - `outer`: the instance inside of which this one is drawn; None for an outermost instance.
     """
 
     target: Element
@@ -25,10 +25,9 @@ class InheritedState(NamedTuple):
     """Style, placement and viewport that an element passes on to its children.
 
     - `style`: computed style of the element, from which children inherit.
-    - `placement`: map from the children's units to pixels, clip, and receiver of their shapes.
+    - `placement`: map from the children's user units to pixels, clip, and sink of their shapes.
     - `viewport`: sizes to which the children's lengths are relative.
-    - `instance`: the innermost instance that the children are part of; None if they are not drawn
-      through a `use`.
+    - `instance`: the innermost instance to which the children belong; None if no `use` draws them.
     """
 
     style: Style
@@ -37,12 +36,12 @@ class InheritedState(NamedTuple):
     instance: Instance | None = None
 
     def is_instance(self, element: Element) -> bool:
-        """Whether an element is itself the target of the innermost `use`.
+        """Whether an element is the target of the innermost `use`.
 
-        False for descendants of the target, and for elements that no `use` asks for.
+        False for descendants of the target, and for elements that no `use` draws.
         """
         return self.instance is not None and self.instance.target is element
 
     def use_of(self, element: Element) -> Element | None:
-        """The innermost `use` if this element is its target; None otherwise."""
+        """The innermost `use`, if `element` is its target; None otherwise."""
         return self.instance.use if self.instance and self.is_instance(element) else None

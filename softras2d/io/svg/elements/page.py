@@ -1,4 +1,4 @@
-"""Holds what all parts of the dialect `svg` share while one document is read."""
+"""Defines the page: a document of dialect `svg`, with all that is shared while it is read."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -21,14 +21,14 @@ class Page:
     """A document of the dialect `svg`, with its style sheets and the state of reading it.
 
     - `root`: the element `<svg>` of the document.
-    - `context`: options of the reader, and the shapes that are drawn.
-    - `notices`: receives what is invalid or not supported.
+    - `context`: options of the reader, and the shapes that have been drawn.
+    - `notices`: receives notices about what is invalid or not supported.
     - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
     - `budget`: limits the work that the document may cause.
     - `pixels_per_px`: pixels of the canvas per px of the document.
-    - `viewport`: sizes to which lengths of the element that is being read are relative. Whoever
-      visits the elements sets it.
-    - `ids`: the first element that has each `id`.
+    - `viewport`: sizes to which lengths of the element that is being read are relative. The code
+      that visits the elements sets it.
+    - `ids`: for each `id` in the document, the first element that has it.
     - `gradient_stops`: the stops of each gradient that has been used, by Python's `id` of its
       element.
     - `cascade`: the style sheets.
@@ -55,13 +55,13 @@ class Page:
         self.cascade = cascade_of(root, context.name, notices, self.budget, size)
 
     def report(self, element: Element) -> "Report":
-        """A function that notes what is wrong with an element."""
+        """A function that notes what is wrong with an element, as a `Report`."""
         return Report(self, element)
 
     def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
-        """Note what is wrong with an attribute of an element, unless it is noted already.
+        """Note what is wrong with an attribute of an element, unless it has been noted already.
 
-        - `kind`: one of the constants of `notices`.
+        - `kind`: one of the constants of `notices`, such as `INVALID`.
         - `attribute`: the attribute or property that is the cause.
         - `detail`: what is wrong with it.
         """
@@ -71,9 +71,9 @@ class Page:
             self.notices.add(kind, element.tag, element.line, attribute, detail)
 
     def not_drawn(self, kind: str, element: Element) -> None:
-        """Note, once, that an element is not drawn, whatever its attributes are.
+        """Note, only once, that an element is not drawn, whatever its attributes are.
 
-        `kind` is one of the constants of `notices`.
+        `kind` is one of the constants of `notices`, such as `NOT_DRAWN`.
         """
         key = (id(element), kind, "")
         if key not in self._noted:
@@ -81,11 +81,11 @@ class Page:
             self.notices.add(kind, element.tag, element.line)
 
     def declared(self, element: Element) -> Declarations:
-        """The declarations of an element: its attributes, and the style sheets' for it."""
+        """The declarations that apply to an element, from its attributes and the style sheets."""
         return self.cascade.declarations(element)
 
     def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
-        """The style of an element, given its parent's style and its declarations.
+        """The style of an element, given its parent's style and the declarations that apply to it.
 
         Invalid declarations are noted.
         """
@@ -98,10 +98,10 @@ class Page:
         declared: Declarations,
         ineffective: tuple[str, ...] = (),
     ) -> Style | None:
-        """The style of an element like `computed`; None if its `display` is `none`.
+        """The style of an element, like `computed`; None if its `display` is `none`.
 
         Nothing is noted about an element that is not displayed, since it cannot change the image,
-        nor about the properties named in `ineffective`.
+        nor about the properties that are named in `ineffective`.
         """
         notices: list[tuple[str, str, str]] = []
         style = computed(declared, parent, self.viewport, lambda *notice: notices.append(notice))
@@ -121,10 +121,10 @@ class Page:
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
     def style_in_document(self, element: Element) -> Style:
-        """The style of an element as it stands in the document, inherited from its ancestors there.
+        """The style of an element that inherits from its ancestors in the document.
 
-        It is for elements that are used by reference, such as gradient stops and clip paths, and
-        for the root.
+        It is used for elements that others refer to, such as gradient stops and clip paths, and for
+        the root.
         """
         chain = []
         ancestor: Element | None = element
@@ -154,8 +154,8 @@ def cascade_of(
 
     - `root`: the root of the document.
     - `name`: name of the document in errors.
-    - `notices`: receives what is invalid or not supported, and links to style sheets, which are not
-      fetched.
+    - `notices`: receives notices about what is invalid or not supported, and about links to style
+      sheets, which are not fetched.
     - `budget`: limits the work of testing selectors.
     - `size`: height and width of the canvas in pixels, for media queries.
 

@@ -30,7 +30,7 @@ class ElementLengths:
 
     - `declared`: declarations of the element, since style sheets may set some of the lengths.
     - `style`: computed style of the element, for its font size.
-    - `page`: its `viewport`, at the time of reading, resolves percentages.
+    - `page`: at the time of reading, its `viewport` is what percentages are relative to.
     """
 
     def __init__(self, page: Page, element: Element, declared: Declarations, style: Style):
@@ -41,12 +41,18 @@ class ElementLengths:
         self.report = page.report(element)
 
     def text(self, name: str) -> str | None:
-        """The text of a property or attribute, by its declaration of highest rank, or None."""
+        """The text of an attribute, or of the property of this name if a style sheet sets it.
+
+        Returns None if neither is given.
+        """
         values = self._css_values(name)
         return values[0] if values else self._element.attrib.get(name)
 
     def _css_values(self, name: str) -> list[str]:
-        """The texts from CSS, highest rank first; empty if CSS cannot set this attribute here."""
+        """The texts of the property `name` in CSS, highest rank first.
+
+        Empty if CSS cannot set this attribute of the element.
+        """
         if name not in _GEOMETRY.get(self._element.name, ()):
             return []
         return self._declared.css_values(name)
@@ -55,7 +61,7 @@ class ElementLengths:
         """A length in user units; `default` if it is missing, invalid, or a keyword such as `auto`.
 
         Percentages are relative to the viewport's width, height or diagonal, as the name requires.
-        An invalid declaration is noted, and the one of the next lower rank is read.
+        An invalid declaration is noted, and the declaration of the next lower rank is read.
         """
         viewport = self._page.viewport
         if name in ("x", "x1", "x2", "cx", "width", "rx"):
@@ -89,6 +95,7 @@ class ElementLengths:
 
 
 def _rect(lengths: ElementLengths) -> Path | None:
+    """The path of a `rect`; None if it has no width or no height."""
     width, height = lengths.size("width"), lengths.size("height")
     if width <= 0 or height <= 0:
         return None
@@ -100,6 +107,7 @@ def _rect(lengths: ElementLengths) -> Path | None:
 
 
 def _circle(lengths: ElementLengths) -> Path | None:
+    """The path of a `circle`; None if it has no radius."""
     radius = lengths.size("r")
     if radius <= 0:
         return None
@@ -107,6 +115,7 @@ def _circle(lengths: ElementLengths) -> Path | None:
 
 
 def _ellipse(lengths: ElementLengths) -> Path | None:
+    """The path of an `ellipse`; None if it has no area."""
     rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
     # A radius that is missing or `auto` equals the radius of the other axis.
     rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
@@ -116,6 +125,7 @@ def _ellipse(lengths: ElementLengths) -> Path | None:
 
 
 def _line(lengths: ElementLengths) -> Path:
+    """The path of a `line`. Its points are fixed, since the file has no list of them."""
     x1, y1, x2, y2 = (lengths.read(name) for name in ("x1", "y1", "x2", "y2"))
     path = polygon_path([(x1, y1), (x2, y2)], False)
     path.fixed = {0, 1}
@@ -123,6 +133,7 @@ def _line(lengths: ElementLengths) -> Path:
 
 
 def _points(lengths: ElementLengths, closed: bool) -> Path:
+    """The path of a `polygon`, which is closed, or of a `polyline`."""
     numbers, error = leading_numbers(lengths.text("points") or "")
     if error is None and len(numbers) % 2:
         error = "has an odd number of coordinates"
@@ -132,6 +143,7 @@ def _points(lengths: ElementLengths, closed: bool) -> Path:
 
 
 def _path(lengths: ElementLengths) -> Path:
+    """The path of a `path`, up to the first error in its path data, which is noted."""
     text = lengths.text("d") or ""
     if text.strip().startswith("path("):
         text = text.strip()[5:].rstrip(") ").strip("\"' ")
@@ -150,7 +162,7 @@ SHAPES: dict[str, Callable[[ElementLengths], Path | None]] = {
     "polyline": lambda lengths: _points(lengths, False),
     "rect": _rect,
 }
-"""By the name of each shape element, the function that makes its path in user units.
+"""The function that makes the path of each shape element, in user units, by name of the element.
 
 The function returns None for a shape that is not drawn, such as a rect without width.
 """

@@ -1,4 +1,4 @@
-"""Resolves `use`: which element is drawn a second time, and where."""
+"""Resolves `use` elements: which element is drawn a second time, and with which map."""
 
 from ....geometry import affine_maps
 from ..css.cascade import Declarations
@@ -15,7 +15,7 @@ def instantiate(
     """The state in which a `use` draws its target, and the target.
 
     - `declared`: declarations of the `use`.
-    - `state`: state inside of the `use`, to which its `x` and `y` are added here.
+    - `state`: state of the `use` itself. Its `x` and `y` are added to the map in the result.
 
     Returns None for a `use` without `href`. It also returns None, and reports a warning, for a
     reference that is broken or leads back to itself.

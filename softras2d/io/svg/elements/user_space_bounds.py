@@ -1,4 +1,4 @@
-"""Computes bounding boxes of elements in their own user units, and transforms relative to these."""
+"""Computes bounding boxes of elements in their user units, and maps that depend on the boxes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -37,10 +37,11 @@ def map_of_element(
     """The map of an element: its own transform, followed by its parent's map.
 
     - `declared`, `style`: declarations and computed style of the element.
-    - `map3`: homogeneous map `[3, 3]` from the user units of the parent, to pixels or other units.
+    - `map3`: homogeneous map `[3, 3]` from the user units of the parent to some target units, such
+      as pixels.
     - `use`, `nesting`: as for `bounds_of`.
 
-    Returns the map `[3, 3]` from the element's user units to the units to which `map3` leads.
+    Returns the map `[3, 3]` from the element's user units to the same target units.
     """
     transform = element_transform(
         page, element, declared, style, lambda: bounds_of(page, element, style, use, nesting)
@@ -49,13 +50,14 @@ def map_of_element(
 
 
 class _Visit(NamedTuple):
-    """An element whose bounds are needed for the bounding box of another, in `bounds_of`.
+    """An element that `bounds_of` visits for the bounding box of another one, the outer element.
 
-    - `map3`: homogeneous map `[3, 3]` from its user units to the user units of that one.
-    - `style`: its computed style.
+    - `map3`: homogeneous map `[3, 3]` from the user units of the visited element to those of the
+      outer element.
+    - `style`: computed style of the visited element.
     - `viewport`: sizes to which its lengths are relative.
     - `use`: the `use` whose target it is; None for an element that no `use` refers to.
-    - `uses`: number of `use` elements through which it is reached from that one.
+    - `uses`: number of `use` elements between the outer element and the visited one.
     """
 
     element: Element
@@ -72,8 +74,8 @@ def bounds_of(
     """The bounding box of an element's fills, without strokes, in the element's user units.
 
     - `element`: the element, which may be a group.
-    - `style`: its computed style.
-    - `use`: the `use` that asks for an instance of `element`; None if it is drawn where it stands.
+    - `style`: computed style of the element.
+    - `use`: the `use` that draws an instance of `element`; None if it is drawn where it stands.
     - `nesting`: number of bounding boxes whose computation needs this one.
 
     Returns None for an element without points, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
@@ -106,9 +108,9 @@ def bounds_of(
 
 
 def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Visit]:
-    """The children of a container that are drawn; for a `use`, its target.
+    """The visits of the children of a container that are drawn; for a `use`, of its target.
 
-    Sets `page.viewport` to the viewport of the children.
+    `nesting` is as for `bounds_of`. Sets `page.viewport` to the viewport of the children.
     """
     element, map3, style, viewport, use, uses = visit
     declared, children = page.declared(element), element.children
@@ -140,7 +142,10 @@ def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Vi
 
 
 def _points(page: Page, visit: _Visit) -> np.ndarray:
-    """Points `[n, 2]` of the outline of a shape, or two corners of an image, in its user units."""
+    """Points `[n, 2]` of the outline of a shape, or two corners of an image.
+
+    They are in the user units of the visited element.
+    """
     element = visit.element
     lengths = ElementLengths(page, element, page.declared(element), visit.style)
     if element.name == "image":

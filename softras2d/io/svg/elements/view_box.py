@@ -19,7 +19,7 @@ The spacing of float32 values is at most 1/256 pixel there.
 """
 
 _ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
-"""Fraction of the free space that lies left of the viewBox, or above it."""
+"""Fraction of the free space left of the viewBox, or above it, by `preserveAspectRatio`."""
 
 
 class Box(NamedTuple):
@@ -47,7 +47,7 @@ def view_box(attributes: dict[str, str]) -> Box | None:
 
 
 def course_size(attributes: dict[str, str]) -> tuple[float, float] | None:
-    """The (height, width) of a document of the course, from the attributes of its root.
+    """The (height, width) of a document by the course's rules, from the attributes of its root.
 
     Units are ignored, and a missing side is 0. Returns None if neither side is positive. Raises
     `ValueError` for an attribute that does not begin with a number.
@@ -64,12 +64,13 @@ def document_size(
     - `root`: declarations of its root. `width` and `height` are properties, so that style sheets
       and `style` outrank the attributes (SVG 2, section 7.8).
     - `font_size`: font size of the root in px, for `em`, `rem` and `ex`.
-    - `note`: called for invalid values, which have no effect, with the kind of a notice, the name
-      of the attribute, and what is wrong.
+    - `note`: called for invalid values, which have no effect. Its arguments are the kind of a
+      notice, the name of the attribute, and what is wrong.
 
     Percentages are relative to the viewBox. A side that is missing, `auto` or 100 % is computed
-    from the other side and the aspect ratio of the viewBox. If this holds for both sides, the
-    viewBox gives the size. Without a viewBox, the size is None unless both sides are given.
+    from the other side and the aspect ratio of the viewBox. If both sides are missing, `auto` or
+    100 %, the viewBox gives the size. Without a viewBox, the size is None unless both sides are
+    given.
     """
     box = None
     try:
@@ -134,12 +135,11 @@ def round_up(size: tuple[float, float]) -> tuple[int, int]:
 
 
 def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.ndarray, "3 3"]:
-    """The map from a viewBox to a viewport of `height` x `width` with its top left at the origin.
+    """The map from a viewBox to a viewport whose top left corner is at (0, 0).
 
     - `box`: the viewBox, with positive sides.
-    - `height`, `width`: of the viewport, in the units to which the map leads.
-    - `aspect`: text of the attribute `preserveAspectRatio`; empty for the default,
-      `xMidYMid meet`.
+    - `height`, `width`: size of the viewport, in the units to which the map leads.
+    - `aspect`: text of the attribute `preserveAspectRatio`; empty for the default, `xMidYMid meet`.
 
     Raises `ValueError` for an `aspect` that is no value of this attribute.
 
@@ -167,9 +167,9 @@ def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.n
 def course_view(size: tuple[float, float], height: int, width: int) -> Float64[np.ndarray, "3 3"]:
     """The course's map from a drawing of (height, width) `size` to a canvas of `height` x `width`.
 
-    It keeps the aspect ratio and centres the drawing, with a margin of a tenth of its longer side
-    at both ends of that side. The homogeneous map is computed from the course's two matrices, so
-    that float64 rounds in the same way.
+    The result is a homogeneous map `[3, 3]` from user units to pixels. It keeps the aspect ratio
+    and centres the drawing, with a margin of a tenth of its longer side at both ends of that side.
+    It is computed from the course's two matrices, so that float64 rounds in the same way.
     """
     svg_height, svg_width = size
     span = 0.6 * max(svg_width, svg_height)

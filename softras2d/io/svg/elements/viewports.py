@@ -1,4 +1,4 @@
-"""Computes viewports: the root's, which is the canvas, and the viewports of nested elements."""
+"""Computes viewports: the root's, which is the canvas, and those of nested elements."""
 
 import contextlib
 from typing import NamedTuple
@@ -105,7 +105,7 @@ def nested_viewport(
     """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
 
     - `declared`, `style`: declarations and computed style of the element.
-    - `use`: the `use` that asks for the instance, whose `width` and `height` replace the element's;
+    - `use`: the `use` that draws the instance, whose `width` and `height` replace the element's;
       None for an `svg` that is drawn where it stands.
 
     Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
@@ -139,10 +139,10 @@ def nested_state(
     """The state that a nested `svg`, or an instance of a `symbol` or `svg`, passes to its children.
 
     - `declared`: declarations of the element.
-    - `state`: state of the element itself, with its style, and its map to pixels.
+    - `state`: state of the element itself, with its style and its map to pixels.
 
-    The clip is reduced to the viewport, unless `overflow` is visible. Returns None if the viewport
-    has no area, so that nothing is drawn.
+    The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. Returns None if
+    the viewport has no area, so that nothing is drawn.
     """
     nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:
@@ -162,6 +162,7 @@ def nested_state(
 
 
 def _view_box(page: Page, element: Element) -> Box | None:
+    """The viewBox of an element; None if it is missing or invalid, which is noted."""
     try:
         return view_box(element.attrib)
     except ValueError as error:

@@ -1,7 +1,7 @@
 """Draws images, and the course's elements `colortri` and `textri`, in the dialect `svg`.
 
-An error in a `colortri` or `textri` is raised, since no other program writes them. An image that
-cannot be read is left out, as in browsers.
+An error in a `colortri` or `textri` is raised, since only this project writes these elements. An
+image that cannot be read is left out, as in browsers.
 """
 
 import math
@@ -36,7 +36,7 @@ def draw_extension(
     """Draw an `image`, a `colortri` or a `textri`.
 
     - `lengths`: reads the element's attributes.
-    - `placement`: map to pixels, clip, and receiver of the result.
+    - `placement`: map to pixels, clip, and sink of the result.
     - `style`: computed style of the element.
     - `opacity`: the element's `opacity`, in 0..1. For a `colortri` or `textri`, it is multiplied by
       `fill-opacity`.
@@ -78,7 +78,7 @@ def _draw_image(
     placement: Placement,
     opacity: float,
 ) -> None:
-    """Draw an image as a rectangle with a texture (SVG 2, section 12.3)."""
+    """Draw an `image` as a rectangle with a texture (SVG 2, section 12.3)."""
     href = element.attrib.get("href")
     if href is None:
         lengths.report(INVALID, "href", "image without href")
@@ -145,6 +145,7 @@ def _add_textured(
 
 
 def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
+    """Clip regions with paints to the clip of the placement, and add what is left to its sink."""
     for item in items:
         region = intersection(item.region, placement.clip, page.budget)
         if not is_empty(region):
@@ -152,7 +153,10 @@ def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
 
 
 def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray, " {count}"]:
-    """Parse an attribute that must hold exactly `count` numbers; raises `ValueError` otherwise."""
+    """Parse the attribute `name`, which must consist of exactly `count` numbers.
+
+    Raises `ValueError` for any other text.
+    """
     try:
         numbers = number_list(attributes.get(name, ""))
     except ValueError as error:

@@ -1,8 +1,8 @@
-"""The circles along which a radial gradient has one colour each, and the rays that cross them.
+"""Describes a radial gradient by circles of one colour each, and by rays that cross the circles.
 
 Position 0 along the gradient is its start circle, and position 1 its end circle. Centers and radii
 of the other circles are interpolated and extrapolated. If several circles pass through a point, the
-one with the largest position gives its colour (as in HTML, *createRadialGradient*).
+circle with the largest position gives its colour (as in HTML, *createRadialGradient*).
 """
 
 import math
@@ -24,29 +24,30 @@ class Circles(Protocol):
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
         """Vectors for `count` or `count + 1` rays, in order of their angle.
 
-        The rays run from one side of the area that the circles cover to the other, or once around a
-        circle. The last ray then equals the first. The vectors are arguments of `circle`.
+        The rays run from one side of the area that the circles cover to its other side, or once
+        around a circle. In the second case, the last ray equals the first. The vectors are
+        arguments of `circle`.
         """
         ...
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
         """The points `[rays, 2]` at which rays meet the circle of a position.
 
-        `rays` is a result of the method `rays`.
+        `rays` is a result of the method `rays`. Points are in the gradient's units.
         """
         ...
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Lower and upper bound on the positions of circles that may show.
+        """Lower and upper bound on the positions of the circles that are needed to paint an area.
 
-        The convex hull of `points`, in the gradient's units, is what the gradient paints.
+        The area is the convex hull of `points`, in the gradient's units.
         """
         ...
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radii of circles up to a position that may show.
+        """Upper bound on the radii of the circles, up to a position, that paint an area.
 
-        The convex hull of `points`, in the gradient's units, is what the gradient paints.
+        The area is the convex hull of `points`, in the gradient's units.
         """
         ...
 
@@ -54,8 +55,8 @@ class Circles(Protocol):
 class Cone(NamedTuple):
     """Circles of different radii, whose rays start at the apex, where the radius is zero.
 
-    Circles are numbered by their scale, which is their radius over the radius of the end circle.
-    Each ray from the apex meets each circle once or twice, and the nearer point is used.
+    The scale of a circle is its radius divided by the radius of the end circle. Each ray from the
+    apex meets each circle once or twice, and the nearer point is used.
 
     - `apex`: the point `[2]` at which the radius is zero.
     - `offset`: vector `[2]` from the apex to the center of the end circle.
@@ -71,10 +72,10 @@ class Cone(NamedTuple):
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
         """Vectors from the apex to points of the end circle, in order of their angle.
 
-        If the apex lies outside of the circles, all circles lie in a cone. There are `count` rays,
-        to the side of the end circle that faces the apex; the first and the last are the sides of
-        the cone. Otherwise there are `count + 1` rays, which go once around the end circle, and the
-        last equals the first.
+        If the apex lies outside of the circles, all circles lie in a cone. There are then `count`
+        rays, to the side of the end circle that faces the apex; the first and the last are the
+        sides of the cone. Otherwise there are `count + 1` rays, which go once around the end
+        circle, and the last equals the first.
         """
         distance = float(np.hypot(*self.offset))
         if distance > self.radius:
@@ -88,23 +89,29 @@ class Cone(NamedTuple):
         return self.offset + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
-        """The points `[rays, 2]` at which rays meet the circle of a position."""
+        """The points `[rays, 2]` at which rays meet the circle of a position.
+
+        `rays` is a result of the method `rays`.
+        """
         return self.apex + (self.start_scale + (1.0 - self.start_scale) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """The position of the apex, and the position of a circle beyond all points."""
+        """The position of the apex, and the position of a circle that lies beyond all `points`."""
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
         start = self.start_scale
         return -start / (1.0 - start), (scale - start) / (1.0 - start)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radii of circles up to a position that may show."""
+        """Upper bound on the radii of the circles, up to a position, that paint an area.
+
+        The area is the convex hull of `points`, in the gradient's units.
+        """
         reached = min(self._farthest(points), self.radius * position)
         return max(self.radius * min(position, 1.0), reached)
 
     def _farthest(self, points: Float[np.ndarray, "n 2"]) -> float:
-        """Distance of the farthest point from the apex."""
+        """Distance from the apex to the farthest of `points`."""
         return float(np.hypot(*(points - self.apex).T).max())
 
 
@@ -112,7 +119,7 @@ class Tube(NamedTuple):
     """Circles of the same radius, whose rays are parallel.
 
     - `start_center`: center `[2]` of the start circle.
-    - `axis`: vector `[2]` from there to the center of the end circle, not zero.
+    - `axis`: vector `[2]` from `start_center` to the center of the end circle, not zero.
     - `radius`: radius of all circles.
     """
 
@@ -121,16 +128,19 @@ class Tube(NamedTuple):
     radius: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Vectors from a circle's center to `count` points of its half that faces the start."""
+        """Vectors from a circle's center to `count` points of the half that faces the start."""
         angle = _towards_start(self.axis) + math.pi / 2 * np.linspace(-1.0, 1.0, count)
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
-        """The points `[rays, 2]` at which rays meet the circle of a position."""
+        """The points `[rays, 2]` at which rays meet the circle of a position.
+
+        `rays` is a result of the method `rays`.
+        """
         return self.start_center + position * self.axis + rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Positions of a half circle before all points, and of a half circle behind all points."""
+        """Positions of a half circle before all `points`, and of one behind all of them."""
         squared = float(self.axis @ self.axis)
         along = (points - self.start_center) @ self.axis / squared
         return float(along.min()), float(along.max()) + self.radius / math.sqrt(squared)
@@ -143,7 +153,7 @@ class Tube(NamedTuple):
 def circles_of(gradient: RadialGradient) -> Circles:
     """The circles of a radial gradient.
 
-    Its end circle must not be smaller than its start circle, and the two must differ.
+    The end circle must not be smaller than the start circle, and the two must differ.
     """
     growth = gradient.radius - gradient.focal_radius
     focus, center = np.array(gradient.focus), np.array(gradient.center)

@@ -18,8 +18,8 @@ from ..canvas.paint import Paint, Stop, constant_paint, linear_paint
 BORDER_SHIFT = 2.0**-14 * 0.618
 """Distance by which borders between pieces are moved, in positions along the gradient.
 
-Samples lie at simple fractions, and so do most stops. Because of the distance no sample lies on a
-border, where the two pieces that meet there would both be blended if they are translucent.
+Samples lie at simple fractions, and so do most stops. Moving the borders keeps samples off them: a
+sample on a border would be blended by both pieces if they are translucent.
 """
 
 
@@ -27,7 +27,7 @@ class LinearGradient(NamedTuple):
     """A gradient along a line.
 
     - `stops`: at least two, with offsets that do not decrease.
-    - `spread`: `pad`, `reflect` or `repeat`, SVG's `spreadMethod`.
+    - `spread`: `pad`, `reflect` or `repeat`, as in SVG's `spreadMethod`.
     - `to_unit`: maps `(x, y, 1)` in pixels to the position along the line, 0 at its start and 1 at
       its end.
     """
@@ -38,7 +38,7 @@ class LinearGradient(NamedTuple):
 
 
 class RadialGradient(NamedTuple):
-    """A gradient from the circle around `focus` to the circle around `center`.
+    """A gradient from a start circle around `focus` to an end circle around `center`.
 
     - `stops`, `spread`: as for `LinearGradient`.
     - `to_pixels`: affine map from the units of the circles to pixels.
@@ -82,10 +82,10 @@ class Piece(NamedTuple):
 def linear_pieces(
     gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
 ) -> list[Piece]:
-    """Divide the box (x0, y0, x1, y1), in pixels, into strips, each with an affine paint.
+    """Divide a box into strips along a linear gradient, each with an affine paint.
 
-    Raises `ValueError` for a gradient that repeats too often in the box, and for work beyond the
-    budget.
+    `bounds` is the box (x0, y0, x1, y1), in pixels. Raises `ValueError` for a gradient that repeats
+    too often in the box, and for work beyond the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -99,9 +99,9 @@ def linear_pieces(
 
 
 def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
-    """The paint of an interval.
+    """The paint between two stops of a linear gradient.
 
-    It is the start colour alone if the interval is infinite, or so short that the slope of a colour
+    The paint is the start colour alone if the interval is infinite, or so short that the colours
     would not be finite.
     """
     if math.isfinite(interval.start) and math.isfinite(interval.end):
@@ -114,9 +114,9 @@ def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
 def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> Iterator[Interval]:
     """Intervals between stops that cover the positions from `low` to `high`, in increasing order.
 
-    With `pad`, these are all intervals between stops. An infinite interval precedes or follows them
-    if the positions reach beyond the first or the last stop. With `repeat` and `reflect`, these are
-    the intervals of all periods that meet the positions.
+    With `pad`, the result has all intervals between stops. An infinite interval precedes or follows
+    them if the positions reach beyond the first or the last stop. With `repeat` and `reflect`, the
+    result has the intervals of all periods that meet the positions.
 
     Raises `ValueError` for too many periods, and for work beyond the budget.
     """
@@ -145,8 +145,8 @@ def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> It
 def _period(stops: tuple[Stop, ...], period: int, is_reversed: bool) -> Iterator[Interval]:
     """The intervals of positive length between the stops of one period, moved by `BORDER_SHIFT`.
 
-    Period k has the positions from k to k + 1. `is_reversed` is for every other period of a
-    gradient with `reflect`.
+    Period k has the positions from k to k + 1. `is_reversed` says whether the stops are in reverse
+    order, as in every other period of a gradient with `reflect`.
     """
     ordered = stops
     if is_reversed:
@@ -164,7 +164,10 @@ def _period(stops: tuple[Stop, ...], period: int, is_reversed: bool) -> Iterator
 def _clip_to_interval(
     polygon: Float[np.ndarray, "n 2"], to_unit: Float[np.ndarray, "3"], interval: Interval
 ) -> Float[np.ndarray, "m 2"]:
-    """Clip a convex polygon to the points whose position along a gradient is in an interval."""
+    """Clip a convex polygon to the points whose position along a gradient is in an interval.
+
+    `polygon` is in pixels, and `to_unit` is that of a `LinearGradient`.
+    """
     if interval.start > -math.inf:
         polygon = _clip(polygon, polygon @ to_unit[:2] + to_unit[2] - interval.start)
     if interval.end < math.inf and len(polygon):

@@ -1,4 +1,4 @@
-"""Gives the scene its background: the root's colour, or a first rect that covers the canvas."""
+"""Sets the background of the scene: the root's colour, or a first rect that covers the canvas."""
 
 import numpy as np
 
@@ -41,9 +41,9 @@ def becomes_background(
 ) -> bool:
     """Make a rect the background if it is the first shape, opaque, and covers viewBox and canvas.
 
-    - `path`, `style`, `placement`: of the rect.
-    - `box`: viewBox of the root, in its user units. It may leave margins on the canvas. They show
-      the page, not the rect, so a rect that covers the viewBox alone is no background.
+    - `path`, `style`, `placement`: path, computed style and placement of the rect.
+    - `box`: viewBox of the root, in its user units. The viewBox may leave margins on the canvas,
+      which the rect does not cover, so a rect that covers the viewBox alone is no background.
 
     Returns whether the rect has become the background, so that it need not be drawn.
     """

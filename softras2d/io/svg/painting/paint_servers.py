@@ -26,7 +26,7 @@ Fill = Rgba | Gradient | None
 """What a paint server paints: one colour, a gradient, or None for nothing."""
 
 _TOUCHING = 1e-3
-"""Distance below which two circles count as touching, in radii of the end circle."""
+"""Distance below which two circles count as touching, as a fraction of the end circle's radius."""
 
 _MAX_TEMPLATES = 1000
 """Maximum number of gradients in a chain, each of which refers to the next."""
@@ -42,8 +42,8 @@ def gradient_fill(
     - `opacity`: factor of the alpha of all colours, in 0..1.
 
     Returns a colour if the gradient has the same colour everywhere. Returns None if it paints
-    nothing, such as one without stops or whose map has no inverse. Returns False if the gradient is
-    relative to a box without area; the caller then paints the fallback of the reference. Raises
+    nothing, for example without stops or if its map has no inverse. Returns False if the gradient
+    is relative to a box without area; the caller then paints the fallback of the reference. Raises
     `ValueError` for a map in perspective.
 
     **Source:** SVG 2, section 14.2.
@@ -73,7 +73,8 @@ def gradient_fill(
 def _templates(page: Page, gradient: Element) -> list[Element]:
     """A gradient, followed by the gradient to which it refers, and so on.
 
-    A reference to no gradient, or to one that is in the chain already, is noted and ends the chain.
+    A reference to something else, or to a gradient that is in the chain already, is noted and ends
+    the chain.
     """
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
@@ -92,8 +93,8 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
 def pattern_applies(pattern: Element, box: Box) -> bool:
     """Whether a browser applies a pattern to a shape with this bounding box, in user units.
 
-    It does not if the pattern is relative to a box without area; the fallback is then painted. A
-    pattern that inherits attributes from another counts as applied.
+    It does not if the pattern is relative to a box without area: the browser then paints the
+    fallback. A pattern that inherits attributes from another pattern counts as applied.
 
     **Source:** SVG 2, section 14.3.
     """
@@ -102,7 +103,7 @@ def pattern_applies(pattern: Element, box: Box) -> bool:
 
 
 def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ...]) -> str | None:
-    """The value of an attribute of the first gradient in `chain` that has it.
+    """The value of an attribute of the first gradient in `chain` that has the attribute.
 
     Returns None if no gradient has it, or if the value is none of `words`, which is noted.
     """
@@ -118,9 +119,9 @@ def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ..
 def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.ndarray:
     """The map of `gradientTransform`, about the gradient's `transform-origin`.
 
-    It is read from the first gradient in `chain` that has it. `in_box` says whether the gradient's
-    units are the sides of a bounding box, as in `_Lengths`. An invalid transform is noted and
-    counts as the identity.
+    The attribute is read from the first gradient in `chain` that has it. `in_box` says whether the
+    gradient's units are the sides of the shape's bounding box, instead of user units. An invalid
+    transform is noted and counts as the identity.
     """
     for gradient in chain:
         if (text := gradient.attrib.get("gradientTransform")) is None:
@@ -142,7 +143,7 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
 def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
     """The stops of the first gradient in `chain` that has any; empty if none has.
 
-    `opacity` is multiplied into the alpha of each.
+    The alpha of each stop is multiplied by `opacity`.
     """
     stops = page.gradient_stops.get(id(chain[0]))
     if stops is None:
@@ -161,6 +162,7 @@ def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
 
 
 def _stop(page: Page, element: Element) -> Stop:
+    """The stop that an element `stop` declares. An invalid offset is noted and counts as 0."""
     report_animations(page, element)
     style = page.style_in_document(element)
     color: Any = style.color if style.stop_color == CURRENT else style.stop_color
@@ -175,7 +177,7 @@ def _stop(page: Page, element: Element) -> Stop:
 
 
 def _in_order(stops: list[Stop]) -> list[Stop]:
-    """Stops whose offsets do not decrease: an offset is raised to the largest one before it."""
+    """Make stops whose offsets do not decrease: each is raised to the largest one before it."""
     ordered: list[Stop] = []
     for stop in stops:
         offset = max(stop.offset, ordered[-1].offset) if ordered else stop.offset
@@ -184,6 +186,7 @@ def _in_order(stops: list[Stop]) -> list[Stop]:
 
 
 def _solid(stop: Stop) -> Rgba | None:
+    """The colour of a stop; None if it is fully transparent."""
     red, green, blue, alpha = stop.color.tolist()
     return (red, green, blue, alpha) if alpha > 0 else None
 
@@ -191,8 +194,8 @@ def _solid(stop: Stop) -> Rgba | None:
 class _Lengths:
     """Reads lengths of a gradient, in the gradient's units.
 
-    - `chain`: the gradient and those it refers to. A length is read from the first gradient of the
-      same kind that has it.
+    - `chain`: the gradient, followed by those to which it refers. A length is read from the first
+      gradient of the same kind that has it.
     - `in_box`: whether the units are the sides of the shape's bounding box, instead of user units.
     """
 
@@ -230,6 +233,12 @@ def _linear(
     to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
+    """The paint of a `linearGradient`; a colour if the gradient line has no length.
+
+    - `chain`: the gradient, followed by those to which it refers.
+    - `to_pixels`: map `[3, 3]` from the gradient's units to pixels.
+    - `in_box`: as in `_Lengths`.
+    """
     lengths = _Lengths(page, chain, in_box)
     x1, y1 = lengths.read("x1", "0%"), lengths.read("y1", "0%")
     x2, y2 = lengths.read("x2", "100%"), lengths.read("y2", "0%")
@@ -249,6 +258,12 @@ def _radial(
     to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
+    """The paint of a `radialGradient`; a colour if the radius is 0, None if both circles are equal.
+
+    - `chain`: the gradient, followed by those to which it refers.
+    - `to_pixels`: map `[3, 3]` from the gradient's units to pixels.
+    - `in_box`: as in `_Lengths`.
+    """
     lengths = _Lengths(page, chain, in_box)
     cx, cy, r = (lengths.read(name, "50%") for name in ("cx", "cy", "r"))
     fx, fy, fr = lengths.read("fx", cx), lengths.read("fy", cy), lengths.read("fr", 0.0)

@@ -32,7 +32,7 @@ from .radial_pieces import radial_pieces
 
 
 class FillSource(NamedTuple):
-    """A shape that has been filled, from which `control_points.py` finds its control points.
+    """A filled shape, as `control_points.py` needs it to map control points to vertices.
 
     - `path`: the path of the element, in user units.
     - `outline`: `path`, flattened to polygons.
@@ -67,7 +67,7 @@ class Painter:
 
         - `path`: in the user units of `element`.
         - `style`: computed style of `element`.
-        - `placement`: map to pixels, clip, and receiver of the shapes.
+        - `placement`: map to pixels, clip, and sink of the shapes.
         - `opacity`: factor of the alpha of fill and stroke, in 0..1.
         """
         if style.visibility != "visible":
@@ -84,6 +84,11 @@ class Painter:
         self, element: Element, original: Path, path: FlatPath, style: Style, placement: Placement,
         opacity: float,
     ) -> None:  # fmt: skip
+        """Fill a path, if its style has a fill.
+
+        `original` is the path, and `path` the same path flattened to polygons. The other arguments
+        are as for `paint`.
+        """
         if style.fill is None or element.name == "line" or len(path.points) < 3:
             return
         fill = self._resolved(
@@ -112,6 +117,7 @@ class Painter:
     def _stroke(
         self, element: Element, path: FlatPath, style: Style, placement: Placement, opacity: float
     ) -> None:
+        """Stroke a path, if its style has a stroke. `path` is flattened; see `paint`."""
         if style.stroke is None or style.stroke_width <= 0 or len(path.points) == 0:
             return
         paint = self._resolved(
@@ -138,6 +144,11 @@ class Painter:
     def _outlines(
         self, element: Element, path: FlatPath, points: np.ndarray, style: Style, scale: float
     ) -> list[Outline]:
+        """The outlines to stroke for a path: one for each contour, or one for each dash.
+
+        - `path`: the flattened path. `points` are its points, in user units or in pixels.
+        - `scale`: pixels per unit of `points`.
+        """
         outlines = []
         contours, closed_contours = path.contours(points), path.closed.tolist()
         chains = zip(contours, path.contours(path.smooth), closed_contours, strict=True)
@@ -202,7 +213,7 @@ class Painter:
     ) -> None:
         """Clip a region in pixels, divide it if it has a gradient, and add it to the sink.
 
-        `source` is its index in `sources`, or -1.
+        `source` is the index of its shape in `sources`; -1 for none.
         """
         if placement.clip is not None:
             region = intersection(region, placement.clip, self._page.budget)
@@ -253,8 +264,8 @@ class Painter:
         - `opacity`: factor of the alpha, in 0..1.
         - `path`: the shape, whose bounding box a gradient may need.
 
-        Returns None if nothing is painted. A reference to a pattern is noted, and so is one to no
-        paint if it has no fallback.
+        Returns None if nothing is painted. A reference to a pattern is noted. A reference to
+        something that is no paint is noted if it has no fallback.
         """
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):

@@ -28,11 +28,14 @@ def radial_pieces(
     tolerance: float,
     budget: Budget,
 ) -> list[Piece]:
-    """Divide the box (x0, y0, x1, y1), in pixels, into pieces between rays and circles.
+    """Divide a box into pieces between rays and circles of a radial gradient.
 
-    `tolerance` is the largest distance between a curve and its polygon, in pixels. Pieces may reach
-    beyond the box, and none lies where no circle passes. Raises `ValueError` for a gradient that
-    repeats too often in the box, and for work beyond the budget.
+    - `bounds`: the box (x0, y0, x1, y1), in pixels.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels.
+
+    Each piece has an affine paint. Pieces may reach beyond the box. No piece lies outside the area
+    that the circles of the gradient cover. Raises `ValueError` for a gradient that repeats too
+    often in the box, and for work beyond the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -72,7 +75,7 @@ def radial_pieces(
 
 
 def _from_position(interval: Interval, low: float) -> Interval:
-    """The part of an interval from the position `low` on, at which the circles begin.
+    """The part of an interval that begins at the position `low`, where the circles begin.
 
     An interval that begins up to `BORDER_SHIFT` after `low` is extended to begin at `low`, since no
     other interval would paint the gap.
@@ -126,7 +129,7 @@ def _ring(
     outer_color: np.ndarray,
     box: np.ndarray,
 ) -> list[Piece]:
-    """The pieces between two circles whose bounding boxes meet the box.
+    """The pieces between two circles, without those whose bounding box misses the box.
 
     - `inner_circle`, `outer_circle`: points in pixels at which the same rays meet the circles.
     - `inner_color`, `outer_color`: colours `[4]` at the circles, interpolated between them.

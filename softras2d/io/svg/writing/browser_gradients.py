@@ -30,16 +30,20 @@ triangle. The mean colour of the covered part of the pixel is found further insi
 """
 
 _FLAT = 0.5 / 255
-"""A triangle is painted in its mean colour if no singular value of its corner colours, minus their
-mean, exceeds this."""
+"""Largest singular value for which a triangle is painted in its mean colour.
+
+The singular values are those of its corner colours, minus their mean.
+"""
 
 
 class GradientLines(NamedTuple):
-    """Affine functions of the position, one per triangle, along the direction in which they grow.
+    """For each triangle, an affine function of the position, described along one line.
 
-    - `start`, `end`: ends of a line across the triangle along the gradient, in pixels.
-    - `low`, `high`: least and greatest value in the triangle, at `start` and at `end`.
-    - `is_valid`: False for constants, and for triangles of almost no area, which have no such line.
+    - `start`, `end`: ends of a line in the direction in which the function grows, in pixels. The
+      line reaches from the least to the greatest value of the function in the triangle.
+    - `low`, `high`: the least and the greatest value in the triangle, at `start` and at `end`.
+    - `is_valid`: False for a function that is constant, and for a triangle of almost no area, which
+      have no such line.
     """
 
     start: Float[np.ndarray, "triangles 2"]
@@ -53,13 +57,13 @@ class Gradients(NamedTuple):
     """One or two linear gradients for each triangle. Colours are sRGB, in 0..1.
 
     - `mean`: mean of the corner colours, `[triangles, 3 or 4]`.
-    - `first`, `first_colors`: line of the first gradient, whose ends lie `INSET` inside the
+    - `first`, `first_colors`: line of the first gradient, whose ends lie `INSET` pixels inside the
       triangle; and the colours at its start and at its end.
     - `second`, `second_colors`: line of the second gradient, and the colours at its start and at
       its end, `[triangles, 3]`.
     - `second_grey`: where on its line the second gradient is grey: 0 at the start, 1 at the end.
     - `has_second`: whether a triangle needs the second gradient, whose blend mode is `hard-light`.
-    - `shown`: the corner colours that the gradients produce together, without the inset,
+    - `shown`: the corner colours that both gradients produce together, without the inset,
       `[triangles, 3, 3 or 4]`.
     """
 
@@ -171,7 +175,7 @@ def hard_light(
 def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
     """The colours that add `difference` to `backdrop` when `hard_light` blends them over it.
 
-    They are clamped to 0..1, so large differences are added only in part.
+    The colours are clamped to 0..1, so large differences are added only in part.
     """
     largest = np.where(difference < 0, backdrop, 1.0 - backdrop)
     return np.clip(0.5 + 0.5 * difference / np.maximum(largest, 1 / 255), 0.0, 1.0)
@@ -180,7 +184,7 @@ def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarr
 def _gradient_lines(
     corners: Float[np.ndarray, "triangles 3 2"], values: Float[np.ndarray, "triangles 3"]
 ) -> GradientLines:
-    """Find the lines of the affine functions that have `values` at the corners of each triangle."""
+    """Find the line of the affine function with these `values` at the corners of each triangle."""
     lowest, low, high = values.argmin(axis=1), values.min(axis=1), values.max(axis=1)
     (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
     du, dv = (values[:, k] - values[:, 0] for k in (1, 2))

@@ -62,14 +62,14 @@ def elements_for_browsers(
     height: int,
     width: int,
 ) -> Elements:
-    """Make the elements that let browsers show these triangles on a `height` x `width` canvas.
+    """Make the elements that let browsers show triangles on a `height` x `width` canvas.
 
     - `corners`: corners of the triangles in pixels, in draw order.
     - `colors`: sRGB, one per triangle or per corner, with 3 or 4 channels.
     - `is_polygon`: whether each triangle is written as an element that browsers draw as it is.
     - `has_gradients`: whether paths with gradients are to be made for each triangle.
 
-    Browsers do not show the triangles for which neither is true, so nothing is made for them.
+    Browsers do not show a triangle for which neither flag is true, so nothing is made for it.
     """
     # The coordinates are rounded to about 1e-5 of the canvas: much less than a pixel, and short.
     decimals = max(1, 5 - len(str(max(height, width) - 1)))
@@ -153,8 +153,8 @@ def _second_paths(coordinates: np.ndarray, gradients: Gradients, attributes: str
 def _definitions(gradients: Gradients, decimals: int) -> list[str]:
     """The `<linearGradient>` elements of all gradients.
 
-    The `id` of a first gradient is `a` and the row of its triangle, of a second one `b` and the
-    row. Coordinates are rounded to `decimals` decimals.
+    The `id` of a first gradient is `a` and the row of its triangle in `gradients`; the `id` of a
+    second gradient is `b` and the row. Coordinates are rounded to `decimals` decimals.
     """
     rows = np.flatnonzero(gradients.first.is_valid)
     low, high = (_stop_attributes(colors[rows]) for colors in gradients.first_colors)
@@ -169,9 +169,12 @@ def _definitions(gradients: Gradients, decimals: int) -> list[str]:
 def _gradient_elements(
     prefix: str, rows: np.ndarray, lines: GradientLines, decimals: int, stops: list[str]
 ) -> list[str]:
-    """The `<linearGradient>` elements along the lines of these rows.
+    """The `<linearGradient>` elements along some of the lines.
 
-    `stops` has the text of the stops of each row. The `id` is `prefix` and the number of the row.
+    - `prefix`: the `id` of an element is `prefix` and the index of its row.
+    - `rows`: indices in `lines` of the rows for which an element is made.
+    - `decimals`: decimals to which coordinates are rounded.
+    - `stops`: the text of the stops of each of `rows`.
     """
     names = [f"{prefix}{row}" for row in rows.tolist()]
     ends = np.concatenate([lines.start[rows], lines.end[rows]], axis=1)

@@ -13,11 +13,11 @@ from .short_numbers import short_color, to_units, triangle_path, unit_text
 
 
 class _Group(NamedTuple):
-    """Triangles that become one element.
+    """Triangles that become one element of an SVG file.
 
-    - `paint`: the attributes of the element that give the colour of all triangles, as text.
-    - `triangles`: their indices, in draw order.
-    - `boxes`: the bounding box of each, `x0, y0, x1, y1`, in units of 10^-digits pixels.
+    - `paint`: the attributes of the element that give the colour of all its triangles, as text.
+    - `triangles`: indices of the triangles, in draw order.
+    - `boxes`: the bounding box of each triangle, `x0, y0, x1, y1`, in units of 10^-digits pixels.
     """
 
     paint: str
@@ -55,7 +55,7 @@ def short_elements(
 ) -> list[str]:
     """Make a short `<path>` for each triangle, for scenes whose triangles cannot be grouped.
 
-    `compact_elements` explains the arguments. Triangles without area have a path too.
+    The arguments are as for `compact_elements`. Triangles without area have a path too.
     """
     units = to_units(corners, digits)
     return [
@@ -110,7 +110,10 @@ def _group_by_paint(
 
 
 def _touches(box: Int[np.ndarray, "4"], others: Int[np.ndarray, "boxes 4"]) -> np.ndarray:
-    """Whether a box `(x0, y0, x1, y1)` has a point in common with each of the others."""
+    """For each of the other boxes, whether it has a point in common with `box`.
+
+    Boxes are `(x0, y0, x1, y1)`.
+    """
     is_apart = np.concatenate([others[:, 2:] < box[:2], others[:, :2] > box[2:]], 1)
     return np.logical_not(is_apart.any(1))
 

@@ -1,4 +1,4 @@
-"""Writes films of triangles as animated SVG files, which browsers play."""
+"""Writes films, which are sequences of scenes, as animated SVG files that browsers play."""
 
 import os
 from collections.abc import Sequence

@@ -37,14 +37,14 @@ _TOLERANCE = 1e-3
 class Edges(NamedTuple):
     """The distinct edges of triangles.
 
-    Two corners are the same vertex if their positions are equal. Side k of a triangle goes from
-    corner k to the next corner. Sides between the same two vertices, in either direction, lie on
-    one edge.
+    Corners with equal positions are one vertex. Side k of a triangle goes from its corner k to the
+    next corner. Sides between the same two vertices, in either direction, lie on one edge.
 
     - `count`: number of sides on each edge.
     - `first`: the first side on each edge, as three times the index of its triangle plus k.
     - `edge_of_side`: index of the edge on which each side lies.
-    - `is_forward`: whether each side goes from the lower to the higher vertex number of its edge.
+    - `is_forward`: whether each side goes from the vertex of lower index to the one of higher
+      index.
     """
 
     count: Int[np.ndarray, " edges"]
@@ -104,13 +104,13 @@ def shares_edge(points: Float32[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray
 def seams(
     points: Float32[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
 ) -> dict[int, str]:
-    """Make a `<g>` of seam lines for each connected part of a mesh of opaque triangles.
+    """Make a `<g>` of seam lines for each connected component of a mesh of opaque triangles.
 
     - `points`: corners of the triangles, in draw order.
-    - `coordinates`: the same numbers as text, `[triangles, 3, 2]`.
+    - `coordinates`: the same corners as text, `[triangles, 3, 2]`.
     - `colors`: colour of each triangle, as CSS.
 
-    Returns the text of each group. Its key is the index of the first triangle of its part, before
+    Returns the text of each group, by the index of the first triangle of its component, before
     which the group must be drawn. Empty if no two triangles share an edge.
     """
     edges = find_edges(points)
@@ -146,13 +146,16 @@ def seams(
 _GROUP = f'<g {FALLBACK}="1" fill="none" stroke-width="{SEAM_WIDTH}" stroke-linejoin="bevel">'
 
 _START_CORNER = (0, 0, 1, 0, 2, 2, 1, 0)
-"""The corner at which the path along a set of sides begins. Bit k of the index is side k."""
+"""Index of the corner at which the path along a set of sides begins.
+
+For each set, the tuple has an entry, whose index has bit k set if side k is in the set.
+"""
 
 
 def _path_along_sides(corners: list[list[str]], side_bits: int) -> str:
-    """Path data of a line along those sides k of a triangle for which bit k is set.
+    """Path data of a line along those sides k of a triangle for which bit k of `side_bits` is set.
 
-    `corners` are the x and y of its three corners, as text.
+    `corners` are the x and y of the three corners, as text.
     """
     start, count = _START_CORNER[side_bits], side_bits.bit_count()
     points = [corners[(start + k) % 3] for k in range(min(count + 1, 3))]

@@ -26,9 +26,9 @@ def unit_text(units: int, digits: int) -> str:
 
 
 def join_numbers(numbers: list[str]) -> str:
-    """Join the texts of numbers as in path data: a blank precedes each, unless it is the first.
+    """Join the texts of numbers as in path data, with a blank between two numbers.
 
-    Before a negative number there is no blank either, as its sign separates it.
+    There is no blank before a negative number, as its sign separates it.
     """
     return "".join(
         text if index == 0 or text[0] == "-" else f" {text}" for index, text in enumerate(numbers)

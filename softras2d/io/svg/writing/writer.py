@@ -150,7 +150,7 @@ def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
 
 
 def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
-    """The `<rect>` of the background; none for white, which `read_svg` assumes."""
+    """The `<rect>` of the background; no element for white, which `read_svg` assumes."""
     background = _float32(scene.background)
     if (background == 1).all():
         return []
@@ -251,9 +251,9 @@ def _float32(value: object) -> np.ndarray:
 
 
 def _shortest(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
-    """The shortest decimals from which the same float32 are read, as an array of strings.
+    """The shortest decimals that are read as the same float32, as an array of strings.
 
-    numpy finds them by the algorithm Dragon4.
+    numpy computes them by the algorithm Dragon4.
     """
     texts = [text.removesuffix(".0") for text in values.astype(str).ravel().tolist()]
     return np.array(texts, object).reshape(values.shape)
