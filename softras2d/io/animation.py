@@ -59,7 +59,7 @@ def write_animation(
     if last_delay > gif.MAX_DELAY:
         raise ValueError(
             "`seconds_per_frame` and `hold_seconds` together must be at most "
-            f"{gif.MAX_DELAY / 100}; got {last_delay / 100}."
+            f"{gif.MAX_DELAY / 100} seconds; got {last_delay / 100}."
         )
     with atomic_file(path) as draft, draft.open("wb") as file:
         previous = None
@@ -80,7 +80,7 @@ def _hundredths(name: str, seconds: float, least: int) -> int:
     # Written so that NaN is refused too.
     if not least / 100 <= seconds <= gif.MAX_DELAY / 100:
         raise ValueError(
-            f"`{name}` must be {least / 100} to {gif.MAX_DELAY / 100} in a GIF; got {seconds}."
+            f"`{name}` must be {least / 100} to {gif.MAX_DELAY / 100} seconds; got {seconds}."
         )
     return round(100 * seconds)
 
@@ -99,7 +99,7 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
         if image.ndim != 3 or image.shape[2] != 3:
             raise ValueError(f"{name}: a frame is [height, width, 3]; got {image.shape}.")
         if image.shape != (shape or image.shape):
-            raise ValueError(f"{name}: is {image.shape}; wanted {shape}, as frame 0 is.")
+            raise ValueError(f"{name}: must have the shape of frame 0, {shape}; got {image.shape}.")
         if max(image.shape) > gif.MAX_SIDE:
             raise ValueError(f"{name}: a GIF has at most {gif.MAX_SIDE} pixels a side.")
         shape = image.shape

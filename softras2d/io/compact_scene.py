@@ -149,7 +149,7 @@ def _decode(data: bytes) -> CompactScene:
     is_valid = corners in (1, 3) and channels in (3, 4) and background_channels in (3, 4)
     is_valid = is_valid and min(height, width, steps_per_pixel) > 0
     if not is_valid or max(vertices, count) > _MAX_COUNT or (is_implied and vertices != 3 * count):
-        raise ValueError("its header holds impossible values")
+        raise ValueError("its header has invalid values")
     index_bytes = 0 if is_implied else 12 * count
     color_bytes = count * corners * channels
     body_bytes = 8 * vertices + index_bytes + color_bytes + background_channels

@@ -233,7 +233,7 @@ def _check_size(name: str, spec: Any) -> None:
     if size > MAX_IMAGE_BYTES:
         raise BudgetError(
             f"{name}: {spec.width} x {spec.height} pixels are too many: {size / 2**30:.1f} GiB "
-            f"as float32, of at most {MAX_IMAGE_BYTES >> 30}."
+            f"as float32; at most {MAX_IMAGE_BYTES >> 30} GiB is read."
         )
 
 

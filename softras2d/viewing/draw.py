@@ -148,4 +148,5 @@ def _to_rgba(image: Float[Array, "height width channels"]) -> UInt8[Array, "heig
 
 
 def _scale(image: Float[Array, "height width channels"]) -> Float[Array, "height width channels"]:
+    """Clip colours to 0..1, and multiply them by 255."""
     return jnp.clip(image, 0.0, 1.0) * 255.0

@@ -90,6 +90,11 @@ def position_gradients(
 def _gradient(
     scene: Scene, plan: Plan, target: Float[Array, "height width 4"]
 ) -> tuple[Float[Array, "vertices 2"], Bool[Array, ""]]:
+    """The gradient of the mean squared difference to a target, by the positions of a scene.
+
+    `target` is straight RGBA in 0..1. Also returns whether the scene outgrew the plan.
+    """
+
     def loss(positions: Float[Array, "vertices 2"]) -> tuple[Array, Array]:
         image, overflow = render_checked(replace(scene, positions=positions), plan)
         difference = premultiply(image)[..., :3] - target[..., :3]

@@ -90,6 +90,7 @@ class SceneFile(Subject):
         return self._size[1]
 
     def _document(self) -> Document:
+        """The document, from the file or from the text."""
         if self._text is None:
             return load(self._path)
         return from_text(self._text, str(self._path))
@@ -99,6 +100,7 @@ class SceneFile(Subject):
         return self._scenes.get(self, zoom, self._read)
 
     def _read(self, height: int, width: int) -> Scene:
+        """Read the drawing for a canvas of `height` x `width` pixels, and store its warnings."""
         scene, notice = read_document_with_notice(
             self._document(), height=height, width=width, **self._options.arguments()
         )
@@ -146,4 +148,5 @@ def settings_flags(settings: Settings) -> list[str]:
 
 
 def _flag(name: str) -> str:
+    """The flag of the command `softras2d render` for a setting."""
     return f"--{name.replace('_', '-')}"

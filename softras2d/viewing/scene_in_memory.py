@@ -68,6 +68,7 @@ class SceneInMemory(Subject):
         return python_code(view, settings, (self._height, self._width), self._source)
 
     def _enlarge(self, height: int, width: int) -> Scene:
+        """The scene, enlarged from the canvas at zoom 1 to `height` x `width` pixels."""
         return enlarge(self._scene, width / self._width, height / self._height)
 
 

@@ -52,6 +52,7 @@ def make_app(session: Session, worker: Worker) -> Starlette:
 
 
 async def _file(request: Request) -> Response:
+    """Answer a request for one of the files of the page."""
     name, kind = _FILES[request.url.path]
     return Response((STATIC / name).read_bytes(), media_type=kind, headers=_HEADERS)
 

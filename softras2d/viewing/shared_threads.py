@@ -77,6 +77,7 @@ class Watcher:
             self._watched.pop(owner, None)
 
     def _run(self) -> None:
+        """Check all versions forever; sleep while nothing is watched."""
         while True:
             with self._changed:
                 while not self._watched:

@@ -95,7 +95,7 @@ class SceneCache:
     def get(self, subject: Subject, zoom: int | float, make: Callable[[int, int], Scene]) -> Scene:
         """Return the scene of a subject at a zoom, which is made unless it is in the cache.
 
-        `make(height, width)` makes the scene for an enlarged drawing of this size, in pixels.
+        `make(height, width)` makes the scene of the enlarged drawing, whose size is in pixels.
         """
         version = subject.version
         height, width = enlarged_size(*subject.size(), zoom)

@@ -46,6 +46,6 @@ def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]
     enlarged = max(1, round(height * zoom)), max(1, round(width * zoom))
     if max(enlarged) > MAX_SIDE:
         raise ValueError(
-            f"the drawing would be {enlarged[1]} x {enlarged[0]} pixels; {MAX_SIDE} at most."
+            f"the drawing would be {enlarged[1]} x {enlarged[0]} pixels; at most {MAX_SIDE} a side."
         )
     return enlarged

@@ -120,7 +120,7 @@ REFUSED = {
     "folder": ("none/a.gif", [ONE], {}, "there is no folder"),
     "is-folder": ("folder.gif", [ONE], {}, "a folder"),
     "none": ("a.gif", [], {}, "there are no frames"),
-    "sizes": ("a.gif", [ONE, np.zeros((3, 2, 3))], {}, "frame 1: is (3, 2, 3); wanted (2, 3, 3)"),
+    "sizes": ("a.gif", [ONE, np.zeros((3, 2, 3))], {}, "frame 0, (2, 3, 3); got (3, 2, 3)"),
     "alpha": ("a.gif", [np.zeros((2, 3, 4))], {}, "frame 0: a frame is [height, width, 3]; got"),
     "empty": ("a.gif", [np.zeros((0, 3, 3))], {}, "frame 0: an image is"),
     "bytes": ("a.gif", [ONE.astype(np.uint8)], {}, "frame 0: an image holds floats"),

@@ -368,7 +368,7 @@ class DisplayList:
             mapped = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
         is_bad = ~(mapped[..., 2] > 0).all(axis=1)
         if is_bad.any():
-            message = "`transform` sends a stroke to infinity or behind it (w <= 0)."
+            message = "`transform` maps a stroke to infinity or beyond (w <= 0)."
             raise self._error(int(draw[owner[np.argmax(is_bad)]]), message)
         mapped = mapped[..., :2] / mapped[..., 2:]
         self._float32(mapped, draw[owner])

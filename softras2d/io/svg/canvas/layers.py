@@ -1,9 +1,10 @@
 """Composites groups with opacity by geometry, as the renderer has no groups.
 
-The shapes of a group are divided into cells that do not overlap, each with the colour of the whole
-group there. The group's opacity can then be multiplied into each cell. What an opaque shape covers
-is cut out of the shapes below. Where a translucent shape lies over others, the overlap becomes a
-cell of its own. Its colour is exact if the alpha of both is constant and neither has a texture.
+The shapes of a group are divided into cells that do not overlap. Each cell has the colour that the
+composited group has there, so that the group's opacity can be multiplied into each cell. What an
+opaque shape covers is cut out of the shapes below. Where a translucent shape lies over others, the
+overlap becomes a separate cell. Its colour is exact if both shapes have a constant alpha and no
+texture.
 """
 
 from collections.abc import Sequence

@@ -76,6 +76,7 @@ def _color_or_current(text: str, *_: object) -> Any:
 
 
 def _opacity(text: str, *_: object) -> float:
+    """Parse an opacity; returns it clamped to 0..1."""
     return fraction(text)
 
 
@@ -114,6 +115,7 @@ _display = _words_of(
 
 
 def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    """Parse `stroke-width`; returns it in user units. Raises `ValueError` for a negative width."""
     width = viewport.length(text, viewport.diagonal, font_size)
     if width < 0:
         raise ValueError("must not be negative")
@@ -121,6 +123,7 @@ def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> 
 
 
 def _miterlimit(text: str, *_: object) -> float:
+    """Parse `stroke-miterlimit`, which must be at least 1."""
     try:
         limit = finite(text)
     except ValueError:
@@ -146,6 +149,7 @@ def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tup
 
 
 def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
+    """Parse `stroke-dashoffset`; returns it in user units."""
     return viewport.length(text, viewport.diagonal, font_size)
 
 
@@ -162,10 +166,12 @@ def _paint_order(text: str, *_: object) -> tuple[str, ...]:
 
 
 def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
+    """Parse `font-size`; returns it in user units."""
     return font_size_of(text, parent.font_size, viewport)
 
 
 def _clip_path(text: str, *_: object) -> str | None:
+    """The text of `clip-path`; None for `none`."""
     if text.lower() == "none":
         return None
     return text
@@ -178,6 +184,7 @@ def reference_of(text: str) -> str | None:
 
 
 def _any_text(text: str, *_: object) -> str:
+    """Accept any text, and return it unchanged."""
     return text
 
 

@@ -39,6 +39,7 @@ class Units(NamedTuple):
 
 
 def _number(text: str, units: Units) -> float:
+    """Parse a number without a unit."""
     return finite(text)
 
 

@@ -218,5 +218,5 @@ def affine_part(map3: np.ndarray) -> np.ndarray:
     Raises `ValueError` for a map in perspective, under which a gradient is not affine.
     """
     if map3[2, :2].any():
-        raise ValueError("is not drawn under a `transform` in perspective.")
+        raise ValueError("has a gradient, which is not drawn under a `transform` in perspective.")
     return map3 / map3[2, 2]

@@ -180,7 +180,7 @@ class Painter:
         - `contours`: `[n, 2]` each, the flattened path, in user units or in pixels.
         - `closed`: whether each contour is closed.
 
-        The style's pattern and offset are in units in which the whole path is `pathLength` long.
+        The style's pattern and offset are in units in which the complete path is `pathLength` long.
         They are converted to the units of `contours`. The pattern is empty for a stroke without
         gaps. An invalid `pathLength` is noted and has no effect.
 

@@ -314,6 +314,7 @@ def _number(value: float) -> str:
 
 
 def _pair(point: np.ndarray) -> str:
+    """The x and y of a point as text, with a blank between."""
     return f"{_number(point[0])} {_number(point[1])}"
 
 
@@ -378,7 +379,7 @@ def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> s
         if match is None:
             raise SvgError(
                 f"{document.name}: control points can be written only to a file in ASCII or UTF-8 "
-                f"whose start tags have the attribute {name!r} themselves."
+                f"that has the attribute {name!r} in the start tag, not from a DTD."
             )
         pieces += [data[end : match.start(2)], b'"', value.encode(), b'"']
         end = match.end(2)
@@ -386,5 +387,5 @@ def _with_attributes(document: Document, texts: dict[int, tuple[str, str]]) -> s
         return b"".join([*pieces, data[end:]]).decode()
     except UnicodeDecodeError:
         raise SvgError(
-            f"{document.name}: control points can be written to ASCII or UTF-8 only."
+            f"{document.name}: control points can be written only to a file in ASCII or UTF-8."
         ) from None

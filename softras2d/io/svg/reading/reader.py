@@ -359,6 +359,7 @@ def _canvas_size(
 
 
 def _check_dialect(dialect: str) -> None:
+    """Raise `ValueError` for a dialect that does not exist."""
     if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
 

@@ -48,7 +48,9 @@ def write_svg_film(
         raise ValueError(f"`digits` must be 0 to {MAX_DIGITS}; got {digits}.")
     shapes = {(scene.triangles.shape, scene.colors.shape) for scene in scenes}
     if len(shapes) != 1:
-        raise ValueError(f"{path}: the scenes of a film must have equal shapes; got {len(shapes)}.")
+        raise ValueError(
+            f"{path}: the arrays of all scenes must have equal shapes; got {len(shapes)} shapes."
+        )
     corners = np.stack([np.asarray(s.positions)[np.asarray(s.triangles)] for s in scenes])
     colors = np.stack([np.asarray(s.colors).mean(1) for s in scenes])
     backgrounds = np.stack([np.asarray(s.background) for s in scenes])

@@ -119,7 +119,7 @@ def _check(path: Path, scene: Scene, height: int, width: int) -> None:
         raise ValueError(f"{path}: the folder to write to does not exist.")
     for name in ("depth", "inverse_w"):
         if getattr(scene, name) is not None:
-            raise ValueError(f"SVG cannot say `{name}`; the scene has it, `write_svg` wants None.")
+            raise ValueError(f"SVG cannot represent `{name}`: it must be None.")
     check(scene)
     for name in ("positions", "colors", "background", "uv"):
         value = getattr(scene, name)
@@ -144,9 +144,7 @@ def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
     tinted = textured & (np.asarray(scene.colors) != 1).any(axis=(1, 2))
     if tinted.any():
         index = int(np.argmax(tinted))
-        raise ValueError(
-            f"SVG cannot say `colors` of a textured triangle; triangle {index} is not white."
-        )
+        raise ValueError(f"textured triangles must be white in an SVG; triangle {index} is not.")
 
 
 def _background_elements(scene: Scene, height: int, width: int) -> list[str]:

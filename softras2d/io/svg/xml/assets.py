@@ -52,7 +52,7 @@ class Assets:
         Raises `ValueError` if no texture has this name, or if its file cannot be read.
         """
         if texid not in self._declared:
-            raise ValueError(f"no texture {texid!r} is declared before it.")
+            raise ValueError(f"no texture {texid!r} is declared before this element.")
         return self._index(self._declared[texid])
 
     def linked(self, href: str) -> int:
@@ -117,6 +117,7 @@ class Assets:
         return self._pictures[key]
 
     def _charge(self, pixels: int) -> None:
+        """Charge the pixels of an image to the budget."""
         self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
@@ -125,12 +126,12 @@ class Assets:
         Raises `ValueError` unless the file exists and lies in the folder `root`.
         """
         if not name:
-            raise ValueError("no file is named.")
+            raise ValueError("the name of the file is empty.")
         if _SCHEME.match(name):
             raise ValueError(f"{name[:60]!r} is not a file beside the scene; nothing is fetched.")
         if self._folder is None or self._root is None:
             raise ValueError(
-                f"{name!r} is named, but a text has no folder; name one by `assets` or --assets."
+                f"{name!r} is not read, since a text has no folder; give one by `assets` or --assets."
             )
         try:
             root = self._root.resolve()

@@ -65,10 +65,12 @@ class Element:
 
     @property
     def local_name(self) -> str:
+        """The local name in the namespace of SVG; empty for elements of other namespaces."""
         return self.name
 
     @property
     def namespace_url(self) -> str:
+        """The namespace of SVG; empty for elements of other namespaces."""
         return SVG if self.name else ""
 
     @property
@@ -77,6 +79,7 @@ class Element:
 
     @property
     def classes(self) -> set[str]:
+        """The names in the attribute `class`."""
         return set(self.attrib.get("class", "").split())
 
     @property

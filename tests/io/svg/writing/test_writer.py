@@ -216,11 +216,11 @@ def base_level(scene: sr.Scene, triangle: int) -> np.ndarray:
 NAN = jnp.asarray([[np.nan, 0], [1, 0], [0, 1]], jnp.float32)
 ONE = sr.Scene.from_soup(np.ones((1, 3, 2), np.float32), np.ones((1, 3), np.float32))
 REFUSED = {
-    "depth": (replace(ONE, depth=jnp.zeros(3)), "SVG cannot say `depth`"),
-    "inverse_w": (replace(ONE, inverse_w=jnp.ones(3)), "SVG cannot say `inverse_w`"),
+    "depth": (replace(ONE, depth=jnp.zeros(3)), "SVG cannot represent `depth`"),
+    "inverse_w": (replace(ONE, inverse_w=jnp.ones(3)), "SVG cannot represent `inverse_w`"),
     "nan": (replace(ONE, positions=NAN), "`positions` must be finite; vertex"),
     "batch": (jax.tree.map(lambda leaf: leaf[None], ONE), "not a batch"),
-    "tint": (textured(np.full((3, 3), 0.5, np.float32)), "textured triangle; triangle 0"),
+    "tint": (textured(np.full((3, 3), 0.5, np.float32)), "triangle 0 is not"),
     "repeat": (textured(border="repeat"), "border 'clamp'"),
 }
 
