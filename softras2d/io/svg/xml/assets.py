@@ -131,7 +131,7 @@ class Assets:
             raise ValueError(f"{name[:60]!r} is not a file beside the scene; nothing is fetched.")
         if self._folder is None or self._root is None:
             raise ValueError(
-                f"{name!r} is not read, since a text has no folder; give one by `assets` or --assets."
+                f"{name!r} is not read: a text has no folder; give one by `assets` or --assets."
             )
         try:
             root = self._root.resolve()
