@@ -158,7 +158,7 @@ def _windings(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> Int[np.ndarray, " points"]:
-    """Winding numbers of shapes around points.
+    """Winding numbers of shapes around points: for each point, that of one shape.
 
     - `edges`: the edges of each shape. `lengths` are the numbers of edges.
     - `shape_of_point`: for each point, the index of the shape whose winding number is computed.

@@ -142,7 +142,7 @@ def _segment_quads(segments: Segments, half_width: np.ndarray) -> _Triangles:
 
 
 def _bevel_triangles(joins: Joins) -> _Triangles:
-    """The triangle of each bevelled join."""
+    """The triangle that fills each bevelled join, from the corner to the ends of both offsets."""
     corner = joins.position
     bevels = np.stack([corner, corner + joins.start_offset, corner + joins.end_offset], axis=1)
     return joins.outline, bevels

@@ -52,7 +52,10 @@ class Sink(Protocol):
         ...
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Add the strokes of one path, whose outlines `map3` `[3, 3]` maps to pixels."""
+        """Add the strokes of one path.
+
+        `map3` is the homogeneous map `[3, 3]` from the units of the outlines to pixels.
+        """
         ...
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
@@ -82,12 +85,12 @@ class Canvas:
     def add_polygon(
         self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
     ) -> None:
-        """Draw the inside of contours."""
+        """Draw the inside of contours; the arguments are as for `Sink.add_polygon`."""
         points = contours[0] if len(contours) == 1 else contours
         self.sources[self._display.add_polygon(points, color, evenodd)] = source
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Draw the strokes of a path."""
+        """Draw the strokes of a path; the arguments are as for `Sink.add_strokes`."""
         if color[3] < 1 and len(outlines) > 1:
             self._display.add_stroke(outlines, map3, color)
             return
@@ -95,7 +98,7 @@ class Canvas:
             self._display.add_stroke(outline, map3, color)
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
-        """Draw a triangle."""
+        """Draw a triangle; the arguments are as for `Sink.add_triangle`."""
         self._display.add_triangles(corners[None], colors)
 
     def add_textured(self, textured: Textured) -> None:
@@ -103,7 +106,7 @@ class Canvas:
         self._display.add_textured(*textured)
 
     def add_items(self, items: list[Item]) -> None:
-        """Draw regions."""
+        """Draw regions with paints, which must not overlap each other."""
         for item in items:
             self.sources[self._display.add_region(item.region, item.paint)] = item.source
 
@@ -138,7 +141,7 @@ class Layer:
     def add_polygon(
         self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
     ) -> None:
-        """Collect the inside of contours."""
+        """Collect the inside of contours; the arguments are as for `Sink.add_polygon`."""
 
         self._calls.append(
             _Call(
@@ -153,7 +156,7 @@ class Layer:
         )
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Collect the strokes of a path."""
+        """Collect the strokes of a path; the arguments are as for `Sink.add_strokes`."""
         widest = max(outlines, key=lambda outline: outline.width)
         reach = widest.width / 2 * widest.scale * max(widest.miterlimit, 1.5)
         points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
@@ -170,7 +173,7 @@ class Layer:
         )
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
-        """Collect a triangle."""
+        """Collect a triangle; the arguments are as for `Sink.add_triangle`."""
         self._calls.append(
             _Call(
                 _bounds(corners),
@@ -195,7 +198,7 @@ class Layer:
         )
 
     def add_items(self, items: list[Item]) -> None:
-        """Collect regions, which do not overlap each other."""
+        """Collect regions with paints, which must not overlap each other."""
         self._families += 1
         for item in items:
             item = item._replace(family=self._families)
