@@ -209,7 +209,7 @@ def test_course_images_by_hand():
     assert scene.triangles.shape[0] == 2
 
 
-REFUSED = "outside|not a file beside|no such file|cannot be|no file"
+REFUSED = "outside|not a file beside|no such file|cannot be|is empty"
 
 
 @pytest.mark.parametrize("dialect", ["svg", "course"])
