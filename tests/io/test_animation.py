@@ -128,7 +128,7 @@ REFUSED = {
     "large": ("a.gif", [np.zeros((65536, 1, 3))], {}, "at most 65535 pixels a side"),
     "fast": ("a.gif", [ONE], {"seconds_per_frame": 0.01}, "`seconds_per_frame` must be 0.02 to"),
     "nan-time": ("a.gif", [ONE], {"hold_seconds": np.nan}, "`hold_seconds` must be 0.0 to"),
-    "slow": ("a.gif", [ONE], {"hold_seconds": 655.3}, "together must be at most 655.35 seconds; got 655.4"),
+    "slow": ("a.gif", [ONE], {"hold_seconds": 655.3}, "at most 655.35 seconds; got 655.4"),
 }
 
 

@@ -32,7 +32,10 @@ def test_an_image_that_would_fill_the_memory_is_refused(tmp_path):
         lambda: read_image(tmp_path / "bomb.png"),
         lambda: decode_image(data, "bomb.png"),
     ):
-        with ends_within(15), pytest.raises(ValueError, match=r"bomb\.png: 16384 x 16384 .* at most 1 GiB"):
+        with (
+            ends_within(15),
+            pytest.raises(ValueError, match=r"bomb\.png: 16384 x .* at most 1 GiB"),
+        ):
             read()
     uri = "data:image/png;base64," + base64.b64encode(data).decode()
     message = outcome(f'<svg><image width="9" height="9" href="{uri}"/></svg>')

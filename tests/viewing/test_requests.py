@@ -31,7 +31,7 @@ from ..cases.viewing import VIEW, ask, small_session
         ({"view": VIEW | {"height": 8192, "width": 8192}}, "`height x width` must be"),
         ({"view": VIEW | {"depth": 1}}, "View has no field 'depth'"),
         ({"view": {"zoom": 1, "x": 0, "y": 0, "height": 3}}, "View needs the field 'width'"),
-        ({"view": VIEW | {"zoom": 1e5}}, "65536 at most"),
+        ({"view": VIEW | {"zoom": 1e5}}, "at most 65536 a side"),
         ({"settings": {"samples": 5}}, "`samples` must be one of"),
         ({"settings": {"coverage": "hard"}}, "`coverage` must be one of"),
         ({"settings": {"soft_width": 0.0}}, "`soft_width` must be"),
