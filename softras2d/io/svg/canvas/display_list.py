@@ -17,8 +17,8 @@ from ...shapes.pixel_lines import pixel_lines
 from ...shapes.polygons import fan, fan_inside, fill_regions, triangulate
 from ...shapes.strokes import stroke, union
 from ..values.css_color import Rgba
-from ..xml.document import SvgError
 from .paint import Paint
+from .shape_table import ShapeTable
 from .triangles import Batch, Triangles, in_draw_order
 
 
@@ -41,10 +41,8 @@ class DisplayList:
         self.budget = budget or Budget()
         self.line = 0
         self.approximated = 0
-        # By draw: the line number of its element, its colour or the colours of its corners, and
-        # the index of its texture.
-        self._lines: list[int] = []
-        self._colors: list[Rgba | np.ndarray] = []
+        self._shapes = ShapeTable(name)
+        # By draw: the index of the shape's texture.
         self._textures: dict[int, int] = {}
         # By kind of shape: the draws and their geometry.
         self._triangles: list[tuple[int, np.ndarray, np.ndarray | None]] = []
@@ -57,16 +55,7 @@ class DisplayList:
 
     def __len__(self) -> int:
         """Number of shapes that have been added."""
-        return len(self._lines)
-
-    def _new_draw(self, color: Rgba | np.ndarray) -> int:
-        """Add a shape's colour and line number; returns the index of the shape in draw order.
-
-        `color` is one colour, or the colours `[3, 4]` of the corners of its triangles.
-        """
-        self._lines.append(self.line)
-        self._colors.append(color)
-        return len(self._lines) - 1
+        return len(self._shapes)
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
         """Add triangles `[k, 3, 2]` as one shape.
@@ -75,7 +64,7 @@ class DisplayList:
         their corners.
         """
         self.budget.charge("triangles", len(corners))
-        self._triangles.append((self._new_draw(color), corners, None))
+        self._triangles.append((self._shapes.add(self.line, color), corners, None))
 
     def add_textured(
         self, points: np.ndarray, color: Rgba, uv: np.ndarray, texture: int, translucent: bool
@@ -91,7 +80,7 @@ class DisplayList:
         cut = fan_inside if translucent and len(points) > 3 else fan
         triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
         self.budget.charge("triangles", len(triangles))
-        draw = self._new_draw(color)
+        draw = self._shapes.add(self.line, color)
         self._textures[draw] = texture
         self._triangles.append((draw, triangles[..., :2], triangles[..., 2:]))
 
@@ -105,7 +94,7 @@ class DisplayList:
         """
         contours = [points] if isinstance(points, np.ndarray) else points
         self.budget.charge("points", sum(map(len, contours)))
-        self._polygons.append((self._new_draw(color), points, evenodd))
+        self._polygons.append((self._shapes.add(self.line, color), points, evenodd))
         return len(self) - 1
 
     def add_region(self, region: Any, paint: Paint) -> int:
@@ -114,7 +103,7 @@ class DisplayList:
         Returns the index of the shape in draw order.
         """
         self.budget.charge("points", int(shapely.get_num_coordinates(region)))
-        draw = self._new_draw(tuple(paint.color[:, 2]))
+        draw = self._shapes.add(self.line, tuple(paint.color[:, 2]))
         if paint.texture >= 0:
             self._textures[draw] = paint.texture
         self._regions.append((draw, region, paint))
@@ -127,7 +116,7 @@ class DisplayList:
         - `points`: `[n, 2]`, the same vertices in pixels.
         """
         self.budget.charge("points", len(points))
-        self._ears.append((self._new_draw(color), plane, points))
+        self._ears.append((self._shapes.add(self.line, color), plane, points))
 
     def add_stroke(self, outline: Outline | list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Add a stroke, which is triangulated in the outline's units and then mapped to pixels.
@@ -137,7 +126,7 @@ class DisplayList:
         - `map3`: homogeneous map `[3, 3]` from the outline's units to pixels.
         """
         outlines = [outline] if isinstance(outline, Outline) else outline
-        draw = self._new_draw(color)
+        draw = self._shapes.add(self.line, color)
         for chain in outlines:
             self.budget.charge("points", len(chain.points))
             self._strokes.append((draw, chain, map3))
@@ -149,7 +138,7 @@ class DisplayList:
         it.
         """
         self.budget.charge("points", len(segments))
-        self._hairlines.append((self._new_draw(color), segments))
+        self._hairlines.append((self._shapes.add(self.line, color), segments))
 
     def add_pixels(self, rectangles: np.ndarray, colors: np.ndarray) -> None:
         """Add rectangles of whole pixels, each as a separate shape.
@@ -160,8 +149,7 @@ class DisplayList:
         # The number of triangles that `_rectangles` will make.
         self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
         first = len(self)
-        self._lines += [self.line] * len(rectangles)
-        self._colors += map(tuple, colors.tolist())
+        self._shapes.add_all(self.line, colors)
         self._pixels.append((np.arange(first, len(self)), rectangles))
 
     def finish(self, height: int, width: int) -> Triangles:
@@ -187,60 +175,14 @@ class DisplayList:
         texture = np.full(len(self), -1)
         if self._textures:
             texture[list(self._textures)] = list(self._textures.values())
-        return in_draw_order(batches, self._color_table(), texture)
-
-    def _color_table(self) -> np.ndarray:
-        """Colours of all shapes in draw order, `[shapes, 1 or 3, 4]`, float32.
-
-        There is one colour per corner if any shape needs it. Raises `ValueError` for a colour that
-        is not finite in float32.
-        """
-        if not any(isinstance(color, np.ndarray) for color in self._colors):
-            table = np.array(self._colors, np.float64).reshape(-1, 1, 4)
-            return self._float32(table, np.arange(len(table)), "a colour")
-        colors = [np.reshape(color, (-1, 4)) for color in self._colors]
-        if any(len(color) > 1 for color in colors):
-            colors = [np.broadcast_to(color, (3, 4)) for color in colors]
-        if not colors:
-            return np.ones((0, 1, 4), np.float32)
-        table = np.array(colors).reshape(len(colors), -1, 4)
-        return self._float32(table, np.arange(len(table)), "a colour")
-
-    def _is_translucent(self, draws: np.ndarray) -> np.ndarray:
-        """Whether the alpha of each of these shapes is below 1.
-
-        `draws` are indices in draw order of shapes that have a single colour each.
-        """
-        return np.array([self._colors[draw][3] < 1 for draw in draws.tolist()], bool)
+        return in_draw_order(batches, self._shapes.color_table(), texture)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> Batch:
         """A batch of triangles with a single colour per shape, and corners rounded to float32.
 
         `draw` has the index in draw order of the shape of each triangle.
         """
-        return Batch(draw, self._float32(corners, draw))
-
-    def _float32(
-        self, values: np.ndarray, draws: np.ndarray, noun: str = "a coordinate"
-    ) -> np.ndarray:
-        """Round values `[k, ...]` to float32.
-
-        - `draws`: for row i of `values`, the index in draw order of the shape to which it belongs.
-        - `noun`: what errors call a value.
-
-        Raises `SvgError` if a rounded value is not finite. The error names the line of the first
-        shape with such a value.
-        """
-        with np.errstate(over="ignore"):
-            rounded = values.astype(np.float32)
-        is_bad = ~np.isfinite(rounded).all(axis=tuple(range(1, rounded.ndim)))
-        if is_bad.any():
-            raise self._error(int(draws[np.argmax(is_bad)]), f"{noun} is not finite in float32.")
-        return rounded
-
-    def _error(self, draw: int, message: str) -> SvgError:
-        """Make an error about the shape with the index `draw`, which names the shape's line."""
-        return SvgError(f"{self.name}:{self._lines[draw]}: {message}")
+        return Batch(draw, self._shapes.float32(corners, draw))
 
     def _from_triangles(self) -> Batch | None:
         """Collect the shapes of `add_triangles` and `add_textured`; None if there are none."""
@@ -252,7 +194,7 @@ class DisplayList:
             return batch
         uvs = [np.zeros_like(c) if uv is None else uv for uv, c in zip(uvs, corners, strict=True)]
         return batch._replace(
-            uv=self._float32(np.concatenate(uvs), batch.draw, "a texture coordinate")
+            uv=self._shapes.float32(np.concatenate(uvs), batch.draw, "a texture coordinate")
         )
 
     def _from_polygons(self) -> Batch | None:
@@ -263,13 +205,13 @@ class DisplayList:
         draw = np.array(draw)
         # Checked first, since GEOS does not handle infinities.
         points = [c if isinstance(c, np.ndarray) else np.concatenate(c) for c in contours]
-        self._float32(np.concatenate(points), np.repeat(draw, list(map(len, points))))
+        self._shapes.float32(np.concatenate(points), np.repeat(draw, list(map(len, points))))
         try:
             corners, owner = triangulate(
-                contours, evenodd, self._is_translucent(draw).tolist(), self.budget
+                contours, evenodd, self._shapes.is_translucent(draw).tolist(), self.budget
             )
         except BudgetError as error:
-            raise self._error(int(draw[error.index]), f"the polygon {error}") from None
+            raise self._shapes.error(int(draw[error.index]), f"the polygon {error}") from None
         return self._batch(draw[owner], corners)
 
     def _from_regions(self) -> Batch | None:
@@ -281,7 +223,7 @@ class DisplayList:
         translucent = np.array([not paint.is_opaque for paint in paints])
         # GEOS does not handle infinities.
         coordinates, region = shapely.get_coordinates(regions, return_index=True)
-        self._float32(coordinates, draw[region])
+        self._shapes.float32(coordinates, draw[region])
         corners, owner = fill_regions(regions, translucent, np.arange(len(regions)))
         self.budget.charge("triangles", len(corners))
         batch = self._batch(draw[owner], corners)
@@ -290,12 +232,12 @@ class DisplayList:
             matrix = matrices[owner]
             colors = np.einsum("tij,tcj->tci", matrix[..., :2], corners) + matrix[:, None, :, 2]
             colors[..., 3] = np.clip(colors[..., 3], 0.0, 1.0)
-            batch = batch._replace(colors=self._float32(colors, batch.draw, "a colour"))
+            batch = batch._replace(colors=self._shapes.float32(colors, batch.draw, "a colour"))
         if not self._textures:
             return batch
         maps = np.stack([np.zeros((2, 3)) if p.uv is None else p.uv for p in paints])[owner]
         uv = np.einsum("tij,tcj->tci", maps[..., :2], corners) + maps[:, None, :, 2]
-        return batch._replace(uv=self._float32(uv, batch.draw, "a texture coordinate"))
+        return batch._replace(uv=self._shapes.float32(uv, batch.draw, "a texture coordinate"))
 
     def _from_ears(self) -> Batch | None:
         """Triangulate the shapes from `add_ears`; None if there are none."""
@@ -305,16 +247,16 @@ class DisplayList:
         try:
             owner, ears, skipped = clip_ears(planes, self.budget)
         except BudgetError as error:
-            raise self._error(draw[error.index], f"the polygon {error}") from None
+            raise self._shapes.error(draw[error.index], f"the polygon {error}") from None
         starts = np.cumsum([0, *map(len, contours)])
         corners, owners = [np.concatenate(contours)[starts[owner, None] + ears]], [owner]
         for index in skipped:
-            self._float32(contours[index], np.full(len(contours[index]), draw[index]))
+            self._shapes.float32(contours[index], np.full(len(contours[index]), draw[index]))
             try:
                 self.approximated += crosses_itself(planes[index], self.budget, index)
                 corners.append(fill_nonzero(contours[index], self.budget))
             except BudgetError as error:
-                raise self._error(draw[index], f"the polygon {error}") from None
+                raise self._shapes.error(draw[index], f"the polygon {error}") from None
             owners.append(np.full(len(corners[-1]), index))
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
 
@@ -327,9 +269,9 @@ class DisplayList:
         try:
             corners, owner = stroke(outlines, self.budget)
         except BudgetError as error:
-            raise self._error(int(draw[error.index]), f"the stroke {error}") from None
+            raise self._shapes.error(int(draw[error.index]), f"the stroke {error}") from None
         corners = self._mapped(np.array(maps), corners, owner, draw)
-        is_translucent = self._is_translucent(draw)
+        is_translucent = self._shapes.is_translucent(draw)
         is_opaque = ~is_translucent[owner]
         # The triangles of a stroke overlap at joins, where a translucent one would be blended
         # twice.
@@ -342,7 +284,7 @@ class DisplayList:
                 regions[k] = union(corners[start:end], self.budget)
             except BudgetError as error:
                 stroke_draw = int(translucent_draws[k])
-                raise self._error(stroke_draw, f"the translucent stroke {error}") from None
+                raise self._shapes.error(stroke_draw, f"the translucent stroke {error}") from None
         if len(regions) == 0:
             return self._batch(triangle_draws, corners)
         filled, filled_draws = fill_regions(regions, np.ones(len(regions), bool), translucent_draws)
@@ -369,9 +311,9 @@ class DisplayList:
         is_bad = ~(mapped[..., 2] > 0).all(axis=1)
         if is_bad.any():
             message = "`transform` maps a stroke to infinity or beyond (w <= 0)."
-            raise self._error(int(draw[owner[np.argmax(is_bad)]]), message)
+            raise self._shapes.error(int(draw[owner[np.argmax(is_bad)]]), message)
         mapped = mapped[..., :2] / mapped[..., 2:]
-        self._float32(mapped, draw[owner])
+        self._shapes.float32(mapped, draw[owner])
         return mapped
 
     def _from_hairlines(self, height: int, width: int) -> Batch | None:
@@ -380,12 +322,12 @@ class DisplayList:
             return None
         draw, segments = zip(*self._hairlines, strict=True)
         draw = np.repeat(draw, list(map(len, segments)))
-        rounded = self._float32(np.concatenate(segments), draw)
-        triangles_each = np.where(self._is_translucent(draw), 4, 2)
+        rounded = self._shapes.float32(np.concatenate(segments), draw)
+        triangles_each = np.where(self._shapes.is_translucent(draw), 4, 2)
         try:
             rectangles, line = pixel_lines(rounded, height, width, self.budget, triangles_each)
         except BudgetError as error:
-            raise self._error(int(draw[error.index]), f"the line {error}") from None
+            raise self._shapes.error(int(draw[error.index]), f"the line {error}") from None
         return self._rectangles(draw[line], rectangles)
 
     def _from_pixels(self) -> Batch | None:
@@ -403,7 +345,7 @@ class DisplayList:
         """
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)
-        is_translucent = self._is_translucent(draw)
+        is_translucent = self._shapes.is_translucent(draw)
         corners, owners = [], []
         for chosen, cut in ((~is_translucent, fan), (is_translucent, fan_inside)):
             triangles = cut(quads[chosen])

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from ....geometry.affine_maps import check_map
-from ....names import SvgDialect, TextureAddressing
+from ....names import SvgDialect
 from ....scene import Scene
-from ....texture.pyramid import TexturePyramid
 from ...budget import Budget
 from ...shapes.paths import TOLERANCE
 from ..canvas.display_list import DisplayList
@@ -28,6 +27,7 @@ from ..xml.tree import Element, read_tree
 from .control_points import SvgControls, make_controls
 from .course_dialect import CourseReader
 from .declared_size import declared_size
+from .scene_of_triangles import make_scene
 from .svg_dialect import Drawing
 
 _DIALECTS = get_args(SvgDialect)
@@ -294,7 +294,7 @@ def _read(
         raise SvgError(message)
     addressing = "corners" if is_course else "half_texel"
     with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
-        scene = _make_scene(context, triangles, addressing, options.linear)
+        scene = make_scene(context, triangles, addressing, options.linear)
     return _Drawn(scene, triangles, drawing, message)
 
 
@@ -378,45 +378,3 @@ def _check_options(options: _Options) -> None:
         raise ValueError("give `fit` or `transform`, not both.")
     if options.fit is not None and options.fit not in _FITS:
         raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
-
-
-def _make_scene(
-    context: Context,
-    triangles: Triangles,
-    addressing: TextureAddressing,
-    linear: bool,
-) -> Scene:
-    """Make a scene of the triangles of a drawing.
-
-    - `addressing`: how texture coordinates map to texels.
-    - `linear`: whether colours and textures are decoded from sRGB to linear light.
-
-    Textures, alpha and corner colours are left out if no triangle needs them.
-    """
-    colors = triangles.colors
-    background = np.array(context.background or (1.0, 1.0, 1.0))
-    if linear:
-        # Imported here, since it loads an image library.
-        from ....color import srgb_to_linear
-
-        colors = np.concatenate([srgb_to_linear(colors[..., :3]), colors[..., 3:]], axis=-1)
-        background = srgb_to_linear(background)
-    # An image may have been read whose shape has no area, or is clipped away.
-    images = context.assets.textures if (triangles.texture >= 0).any() else []
-    if (colors[..., 3] == 1).all() and all(image.shape[-1] == 3 for image in images):
-        colors = colors[..., :3]
-    if (colors == colors[:, :1]).all():
-        colors = colors[:, :1]
-    textured = {}
-    if images:
-        textured = {
-            "uv": triangles.uv,
-            "texture_index": triangles.texture.astype(np.int32),
-            "textures": TexturePyramid.build(images, "clamp", addressing, linear),
-        }
-    return Scene.from_soup(
-        triangles.corners,
-        colors,
-        background=background.astype(np.float32),
-        **textured,
-    )
