@@ -14,10 +14,7 @@ from jaxtyping import Array, Float
 
 from ...color import premultiply
 from ...numerics.device import to_device
-from ...options import Soft
-from ...planning.plan import Plan
 from ...planning.size_classes import unknowns_class
-from ...rendering.planner import plan
 from ...scene import Scene
 from .. import choices
 from ..closed_form import best_colors
@@ -41,14 +38,14 @@ from ..units import POSITION_UNIT
 from . import saved, schedule
 from .canvas import OVERSHOOT, near_canvas, overshoot_of
 from .exchange import Replacement, find_exchange
-from .placement import find_new_triangles, random_triangles
-from .spare import padded_unknowns
-from .start import LayersStart, background_of, start_of
+from .placement import find_new_triangles
+from .sizes import FitSizes
+from .start import background_of, start_of
 from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
-"""Typical circumradius of a new triangle, as a multiple of `LayersFit._spacing`; and a further
+"""Typical circumradius of a new triangle, as a multiple of `FitSizes.spacing`; and a further
 factor for the new triangles of an exchange."""
 
 
@@ -63,8 +60,6 @@ class LayersFit(AbstractFit):
     """A fit of free triangles, flat or with corner colours, opaque or translucent.
 
     - `height`, `width`: size of the fit in pixels.
-    - `length`: number of triangles in the arrays, spare ones included. It is a size class, so that
-      fits of nearby numbers of triangles share programs. A resumed fit has the saved length.
     """
 
     data: LayersData
@@ -73,13 +68,9 @@ class LayersFit(AbstractFit):
         self.request = request
         image, settings = request.target.image, request.settings
         self.height, self.width = image.shape[:2]
-        self._gouraud = settings["shading"] == "gouraud"
-        self._translucent: bool = settings["translucent"]
-        self._softness: tuple[float, float] = settings["softness"]
         state = request.resume_state
-        self.length = unknowns_class(self.max_triangles)
-        if state is not None:
-            self.length = saved.length_of(state)
+        length = unknowns_class(self.max_triangles) if state is None else saved.length_of(state)
+        self._sizes = FitSizes.of(self.height, self.width, length, settings)
         # The triangles of a resumed fit come from its state, in `restore_family_state`; here only
         # the shapes matter.
         start = request.start if state is None else "uniform"
@@ -90,7 +81,7 @@ class LayersFit(AbstractFit):
             request.loss.prepare(to_device(image)),
             None if weights is None else to_device(weights, np.float32),
             to_device(self._background),
-            to_device(self._softness[0], np.float32),
+            to_device(settings["softness"][0], np.float32),
         )
         y, self.active = self._initial_unknowns(start)
         self._palette = palette_of(settings["palette"], request.target, request.seed)
@@ -102,7 +93,7 @@ class LayersFit(AbstractFit):
         if isinstance(start, Scene):
             corners = np.asarray(y.corners[: self.active])
             self._overshoot = max(OVERSHOOT, overshoot_of(corners, self.height, self.width))
-        self.residual = LayersResidual(self._plan([self.likely_scene()]), request.loss)
+        self.residual = LayersResidual(self._sizes.plan([self.likely_scene()]), request.loss)
         self.progress = begin(request.solver, self.residual, y, self.data)
         self._earlier_best: _EarlierBest | None = None
         self.image = np.broadcast_to(self._background, image.shape)
@@ -118,17 +109,10 @@ class LayersFit(AbstractFit):
         count = self.max_triangles
         triangles = start_of(
             start, self.request.target, self._rng, triangles=count,
-            gouraud=self._gouraud, translucent=self._translucent,
-            circumradius=_NEW_SIZE * self._spacing(count),
+            gouraud=self._sizes.gouraud, translucent=self._sizes.translucent,
+            circumradius=_NEW_SIZE * self._sizes.spacing(count),
         )  # fmt: skip
-        return self._padded(triangles), len(triangles.corners)
-
-    def _padded(self, triangles: LayersStart) -> LayersUnknowns:
-        """Make unknowns of `length` triangles: the given ones, then spare ones."""
-        return padded_unknowns(
-            triangles, self.length,
-            max_edge_width=max(self._softness), translucent=self._translucent,
-        )  # fmt: skip
+        return self._sizes.unknowns(triangles), len(triangles.corners)
 
     def _freeze(self, y: LayersUnknowns) -> None:
         """Freeze what the options `freeze` and `palette` ask for, at the values in `y`.
@@ -143,29 +127,9 @@ class LayersFit(AbstractFit):
         """Replace the frozen entries of `y` by the values at which they were frozen."""
         return with_frozen(y, self.data.frozen)
 
-    def _spacing(self, count: int) -> float:
-        """Side, in pixels, of a square whose area is the canvas's area divided by `count`."""
-        return float(np.sqrt(self.height * self.width / max(count, 1)))
-
     def likely_scene(self) -> Scene:
         """A scene of `max_triangles` random triangles, larger than new ones, and of spare ones."""
-        count = self.max_triangles
-        rng = np.random.default_rng(0)
-        centers = rng.random((count, 2)) * [self.width, self.height]
-        corners = random_triangles(rng, centers, 1.6 * self._spacing(count))
-        colors = np.zeros((count, 3 if self._gouraud else 1, 3))
-        triangles = LayersStart(corners, colors, np.full(count, 0.5))
-        return layers_scene(self._padded(triangles), self.data.background)
-
-    def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan to draw any of these scenes with any width of soft edges that the fit will use."""
-        return plan(
-            scenes,
-            height=self.height,
-            width=self.width,
-            coverage=Soft(self._softness[1]),
-            max_width=max(self._softness),
-        )
+        return self._sizes.likely_scene(self.data.background)
 
     @property
     def _best(self) -> LayersUnknowns:
@@ -238,7 +202,9 @@ class LayersFit(AbstractFit):
         """Replace the unknowns by the best so far, with the colours of least squared error."""
         y, loss = self._best, self.request.loss
         # The best unknowns may be older than the last exchange, and outgrow the present plan.
-        plan_for_best = self._plan([self.likely_scene(), layers_scene(y, self.data.background)])
+        plan_for_best = self._sizes.plan(
+            [self.likely_scene(), layers_scene(y, self.data.background)]
+        )
         if not self.residual.plan.holds(plan_for_best):
             self.residual = LayersResidual(plan_for_best, loss)
         y = best_colors(self.residual, y, self.data, loss.light)
@@ -251,7 +217,7 @@ class LayersFit(AbstractFit):
         fit that they are from.
         """
         scenes = [layers_scene(with_frozen(y, data.frozen), data.background) for y, data in reached]
-        return LayersResidual(self._plan([self.likely_scene(), *scenes]), self.request.loss)
+        return LayersResidual(self._sizes.plan([self.likely_scene(), *scenes]), self.request.loss)
 
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
@@ -264,7 +230,7 @@ class LayersFit(AbstractFit):
         if self.request.adjustable_rate:
             self.progress = set_learning_rate(self.progress, schedule.learning_rate(share))
             y = self.progress.y
-            is_spare = jnp.arange(self.length)[:, None, None] >= self.active
+            is_spare = jnp.arange(self._sizes.length)[:, None, None] >= self.active
             corners = jnp.where(is_spare, y.corners, self._near_canvas(y.corners))
             self.progress = self.progress._replace(y=y._replace(corners=corners))
         if self.request.places_by_error:
@@ -305,7 +271,7 @@ class LayersFit(AbstractFit):
 
         Losses at different widths are not comparable, so a new width forgets the best so far.
         """
-        width = schedule.edge_width(share, self._softness)
+        width = schedule.edge_width(share, self._sizes.softness)
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
             self._earlier_best, self.progress = None, forget_best(self.progress)
@@ -316,14 +282,14 @@ class LayersFit(AbstractFit):
 
     def _add(self, count: int) -> None:
         """Add up to `count` triangles in front, where they lower the squared error most."""
-        circumradius = _NEW_SIZE * self._spacing(self.active + count)
+        circumradius = _NEW_SIZE * self._sizes.spacing(self.active + count)
         target = self.request.target.premultiplied()
         image, palette = premultiply(self.image), self._placing_palette
         new_triangles = find_new_triangles(
             self._rng, image, target, count, circumradius=circumradius, palette=palette
         )
         if len(new_triangles.corners):
-            order = np.arange(self.length)
+            order = np.arange(self._sizes.length)
             self._replace(
                 Replacement(order, self.active, new_triangles.corners, new_triangles.colors)
             )
@@ -339,7 +305,7 @@ class LayersFit(AbstractFit):
         replacement = find_exchange(
             self._rng, self._with_frozen_values(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
-            circumradius=_NEW_SIZE * _EXCHANGED_SIZE * self._spacing(self.active),
+            circumradius=_NEW_SIZE * _EXCHANGED_SIZE * self._sizes.spacing(self.active),
             palette=self._placing_palette,
         )  # fmt: skip
         if replacement is not None:
