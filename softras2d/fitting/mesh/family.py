@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from ...numerics.device import to_device
 from ...options import Area
@@ -24,22 +24,18 @@ from ..frozen import Mask, freeze, with_frozen
 from ..palette import PALETTE_START, Palette, in_palette, palette_of, quantize
 from ..solve import begin, forget_best, move, set_learning_rate
 from ..steered_state import steered_state
-from ..steering import check_length
 from ..target import Target
 from ..trees import fill_tree, tree_arrays
-from ..units import POSITION_UNIT
 from . import saved, schedule
-from .colors import ColorModel, Colors, solve_colors
+from .arrays import data_and_unknowns, padded_colors
+from .colors import ColorModel
 from .exchange import exchange
 from .full_size import colors_at_full_size
 from .start import delaunay_start, error_start, uniform_start
-from .triangulation import Mesh, check_tiling, is_bound, least_altitudes
+from .steering import frozen_colors
+from .triangulation import Mesh, check_tiling
 from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
 from .untangle import untangle
-
-_SCALE_PER_ALTITUDE, _MIN_SCALE = 0.3, 0.02
-"""The scale of a vertex is `clip(_SCALE_PER_ALTITUDE * altitude, _MIN_SCALE, 1)` in units of
-`POSITION_UNIT`, where `altitude` is the least altitude of its triangles in pixels."""
 
 _COLOR_MODELS: dict[str, ColorModel] = {
     "flat": "triangle", "gouraud": "vertex", "linear": "linear",
@@ -83,7 +79,7 @@ class MeshFit(AbstractFit):
         self._palette = palette_of(request.settings["palette"], request.target, request.seed)
         self._is_quantized = False
         mesh = self._initial_mesh()
-        data, y = self._make_data_and_unknowns(mesh)
+        data, y = self._arrays(mesh)
         self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
         self._restart_solver(mesh, data, y)
 
@@ -138,85 +134,17 @@ class MeshFit(AbstractFit):
         check_tiling(mesh)
         return mesh
 
-    def _make_data_and_unknowns(
+    def _arrays(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
     ) -> tuple[MeshData, MeshUnknowns]:
-        """Make the data and unknowns of a mesh, with the colours of least squared error in 0..1.
-
-        `scale`: as in `MeshData`; None: it is computed from the altitudes of the triangles.
-        """
-        target = self.request.target
-        # Euler's formula: 2 V - 2 - b triangles, with b of the V vertices on the border. The number
-        # is largest when only the four corners lie there.
-        capacity, active = 2 * len(mesh.positions) - 6, len(mesh.triangles)
-        triangles = np.zeros((capacity, 3), np.int32)
-        triangles[:active] = mesh.triangles
-        if scale is None:
-            altitudes = least_altitudes(mesh)[:, None]
-            scale = POSITION_UNIT * np.clip(_SCALE_PER_ALTITUDE * altitudes, _MIN_SCALE, 1.0)
-        data = MeshData(
-            self.request.loss.prepare(to_device(target.image, np.float32)),
-            None if target.weights is None else to_device(target.weights, np.float32),
-            to_device(np.zeros(3, np.float32)),
-            to_device(triangles),
-            to_device(self._free_coordinates(mesh)),
-            to_device(mesh.positions, np.float32),
-            to_device(scale, np.float32),
+        """Make the data and the unknowns of a mesh; `arrays.data_and_unknowns` says how."""
+        return data_and_unknowns(
+            mesh, self.request, self._model, has_fixed_colors=self._is_quantized, scale=scale
         )
-        colors = np.clip(solve_colors(mesh, target, model=self._model), 0, 1)
-        positions = to_device(mesh.positions / scale, np.float32)
-        y = MeshUnknowns(positions, self._padded(colors, capacity))
-        if self.request.may_freeze:
-            data = data._replace(frozen=freeze(y, self._masks(mesh)))
-        return data, y
 
-    def _padded(self, colors: Colors, capacity: int | None = None) -> Float[Array, "..."]:
-        """Convert colours, as `solve_colors` returns them, to the unknowns `MeshUnknowns.colors`.
-
-        Unless there is one colour per vertex, zeros are appended for spare triangles. `capacity`:
-        number of triangles in the arrays, spare ones included; None: as many as now.
-        """
-        if self._model != "vertex":
-            capacity = len(self.data.triangles) if capacity is None else capacity
-            colors = colors[:, None] if colors.ndim == 2 else colors
-            padding = np.zeros((capacity - len(colors), *colors.shape[1:]))
-            colors = np.concatenate([colors, padding])
-        return to_device(colors, np.float32)
-
-    def _free_coordinates(self, mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-        """Whether each coordinate of each vertex may move.
-
-        It may unless the vertex is frozen, or lies on a border that fixes this coordinate.
-        """
-        if "positions" in self.request.settings["freeze"]:
-            return np.zeros((len(mesh.positions), 2), bool)
-        return ~is_bound(mesh) & ~self._frozen_vertices(mesh)[:, None]
-
-    def _masks(self, mesh: Mesh, *, palette: bool = True) -> dict[str, bool | Mask]:
-        """Return which colours are frozen, as `frozen.freeze` takes it: by the name `"colors"`.
-
-        Frozen positions have no mask, because `MeshData.free` keeps them from moving.
-        `palette`: whether colours of the palette, once triangles have them, count as frozen.
-        """
-        if "colors" in self.request.settings["freeze"] or (palette and self._is_quantized):
-            return {"colors": True}
-        if self._model != "vertex":
-            triangles = self.request.masks.get("triangles")
-            return {} if triangles is None else {"colors": triangles}
-        return {"colors": self._frozen_vertices(mesh)}
-
-    def _frozen_vertices(self, mesh: Mesh) -> Mask:
-        """Whether each vertex is frozen: by the mask of vertices, or as a frozen triangle's corner.
-
-        Raises `ValueError` for masks of another length than the mesh has vertices or triangles.
-        """
-        count, masks = len(mesh.positions), self.request.masks
-        frozen = masks.get("vertices", np.zeros(count, bool)).copy()
-        check_length("vertices", frozen, count)
-        if "triangles" in masks:
-            check_length("triangles", masks["triangles"], len(mesh.triangles))
-            frozen[mesh.triangles[masks["triangles"]]] = True
-        return frozen
+    def _frozen_colors(self, mesh: Mesh) -> dict[str, bool | Mask]:
+        """Return which colours are frozen now, as `frozen.freeze` takes it."""
+        return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
         """Begin a new solve on a mesh, from its data and unknowns."""
@@ -278,8 +206,9 @@ class MeshFit(AbstractFit):
             colors = in_palette(self._palette, colors)
         y = MeshUnknowns(to_device(positions), to_device(colors))
         if self.request.may_freeze:
-            y = with_frozen(y, freeze(unknowns, self._masks(mesh, palette=False)))
-            self.data = self.data._replace(frozen=freeze(y, self._masks(mesh)))
+            frozen = frozen_colors(mesh, self.request, self._model, has_fixed_colors=False)
+            y = with_frozen(y, freeze(unknowns, frozen))
+            self.data = self.data._replace(frozen=freeze(y, self._frozen_colors(mesh)))
         self._mesh, self._earlier_best = mesh, None
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
@@ -323,7 +252,9 @@ class MeshFit(AbstractFit):
         factors = np.array([width / self.width, height / self.height])
         enlarged = self._mesh._replace(positions=self._mesh.positions * factors)
         colors = colors_at_full_size(enlarged, target, model=self._model)
-        y = y._replace(colors=self._padded(np.clip(colors, 0, 1)))
+        y = y._replace(
+            colors=padded_colors(np.clip(colors, 0, 1), self._model, len(self.data.triangles))
+        )
         progress = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(progress)
 
@@ -376,7 +307,7 @@ class MeshFit(AbstractFit):
         if len(mesh.positions) == len(self._mesh.positions):
             if np.isfinite(self.progress.best_loss):
                 self._earlier_best = self._best()
-            self._restart_solver(mesh, *self._make_data_and_unknowns(mesh))
+            self._restart_solver(mesh, *self._arrays(mesh))
             self.progress = self.progress._replace(steps=steps)
 
     def _quantize(self, palette: Palette) -> None:
@@ -396,7 +327,7 @@ class MeshFit(AbstractFit):
         self._is_quantized = True
         self._palette, self._earlier_best = quantized.palette, None
         y = y._replace(colors=to_device(quantized.colors[:, None]))
-        self.data = self.data._replace(frozen=freeze(y, self._masks(self._mesh)))
+        self.data = self.data._replace(frozen=freeze(y, self._frozen_colors(self._mesh)))
         self.progress = forget_best(
             move(self.request.solver, self.residual, self.progress, y, self.data)
         )
@@ -425,10 +356,10 @@ class MeshFit(AbstractFit):
         self._is_quantized = bool(arrays.get("quantized", False))
         if self.data.frozen is not None:
             values = fill_tree(self.progress.y, "frozen", arrays)
-            self.data = self.data._replace(frozen=freeze(values, self._masks(self._mesh)))
+            self.data = self.data._replace(frozen=freeze(values, self._frozen_colors(self._mesh)))
         if "kept" in arrays:
             mesh = saved.mesh_of(arrays, "kept.mesh")
-            data, template = self._make_data_and_unknowns(mesh, arrays["kept.scale"])
+            data, template = self._arrays(mesh, arrays["kept.scale"])
             y = fill_tree(template, "kept", arrays)
             self._earlier_best = _Best(float(arrays["kept"]), y, mesh, data)
 
