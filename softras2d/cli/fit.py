@@ -2,6 +2,7 @@
 
 import inspect
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -73,45 +74,80 @@ def fit_picture(
     130. After a second Ctrl-C nothing more is written. Only the last checkpoint remains, in the
     file of `-o FIT.npz`.
     """
+    # The values of all options, by the names of the parameters of this function.
+    options: dict[str, Any] = dict(locals())
     # The user's time limit includes the start of Python and the import of this package, so it is
     # counted from the start of the process.
-    start_seconds = time.perf_counter() - time.process_time()
-    given: dict[str, Any] = {
-        "triangles": triangles, "family": family, "shading": shading, "translucent": translucent,
-        "solver": solver, "size": size, "seed": seed, "softness": softness, "colors": colors,
-        "loss": loss, "light": light, "palette": palette, "background": background,
-        "freeze": freeze,
-    }  # fmt: skip
+    _fit(options, start_seconds=time.perf_counter() - time.process_time())
+
+
+_SETTINGS = (
+    "triangles", "family", "shading", "translucent", "solver", "size", "seed", "softness", "colors",
+    "loss", "light", "palette", "background", "freeze",
+)  # fmt: skip
+"""Parameters of `fit_picture` that are settings of the optimisation, given as values."""
+
+_FILES_OF_SETTINGS = ("weights", "focus", "start")
+"""Parameters of `fit_picture` that name files or pixels from which settings are made."""
+
+_PICTURE_ONLY = ("output", "compare_in", "seconds", "resume", "watch")
+"""Other parameters of `fit_picture` that films do not have."""
+
+
+def _fit(options: dict[str, Any], *, start_seconds: float) -> None:
+    """Check the options of `softras2d fit`, and fit a picture or, with `--animation`, a film.
+
+    - `options`: the values of all parameters of `fit_picture`, by name.
+    - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+    """
+    pictures: list[Path] = options["targets"] or []
     with session(long_running=True, loads_jax=False) as console, fit_bar(console) as bar:
-        settings = _parse_texts(given)
-        for path in (*(targets or []), weights, resume):
+        settings = _parse_texts({name: options[name] for name in _SETTINGS})
+        for path in (*pictures, options["weights"], options["resume"]):
             check_input(path)
-        target = targets[0] if targets else None
-        outputs = output or [_default_output(target)]
-        options = PictureOptions(
-            target, outputs, digits, compare_in, weights, focus or (), start, resume, watch,
-            browser,
-        )  # fmt: skip
-        other_options = {"weights": weights, "focus": focus, "start": start}
-        with errors_name_options(options.values):
-            _check_arguments(settings, steps, seconds)
-        check_start(start, family)
-        if animation is not None:
-            unsupported = {
-                "output": output, "compare_in": compare_in, "seconds": seconds, "resume": resume,
-                "watch": watch,
-            }  # fmt: skip
-            _check_film(targets or [], animation, digits, given | other_options | unsupported)
-            film_options = FilmOptions(animation, frame_steps, temporal, fps, digits)
-            _fit_film(targets or [], film_options, settings, steps, start_seconds, console, bar)
+        picture_options = _picture_options(pictures, options)
+        with errors_name_options(picture_options.values):
+            _check_arguments(settings, options["steps"], options["seconds"])
+        check_start(options["start"], options["family"])
+        if options["animation"] is not None:
+            film_options = FilmOptions(*(options[name] for name in FilmOptions._fields))
+            _check_film(pictures, film_options, options)
+            _fit_film(
+                pictures, film_options, settings, options["steps"], start_seconds, console, bar
+            )
             return
-        _check_picture(targets or [], options)
-        if resume is not None:
-            _warn_of_ignored(given | other_options, console)
+        _check_picture(pictures, picture_options)
+        if options["resume"] is not None:
+            _warn_of_ignored(options, console)
         bar.show("loading JAX")
         from .fit_single_picture import fit_single_picture
 
-        fit_single_picture(options, settings, steps, seconds, start_seconds, console, bar)
+        fit_single_picture(
+            picture_options, settings, options["steps"], options["seconds"], start_seconds, console,
+            bar,
+        )  # fmt: skip
+
+
+def _picture_options(pictures: list[Path], options: dict[str, Any]) -> PictureOptions:
+    """Collect the options for one picture that are not settings of the optimisation.
+
+    - `pictures`: the pictures that the user has named, of which the first is fitted. If there is
+      none, the bundled picture is fitted.
+    - `options`: the values of all parameters of `fit_picture`, by name.
+    """
+    target = pictures[0] if pictures else None
+    return PictureOptions(
+        target,
+        outputs=options["output"] or [_default_output(target)],
+        digits=options["digits"],
+        compare_in=options["compare_in"],
+        weights=options["weights"],
+        focus=options["focus"] or (),
+        start=options["start"],
+        resume=options["resume"],
+        watch=options["watch"],
+        browser=options["browser"],
+    )
 
 
 def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
@@ -172,21 +208,24 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
     """Warn of options that were given, but have no effect on a resumed fit.
 
-    `options` are the values of all options that the saved fit determines.
+    `options`: the values of all parameters of `fit_picture`, by name.
     """
-    ignored = _list_changed_options(options)
+    ignored = _list_changed_options(options, (*_SETTINGS, *_FILES_OF_SETTINGS))
     if ignored:
         message = f"{ignored}: ignored, because --resume takes the settings from the file"
         print_message("warning", message, console)
 
 
-def _list_changed_options(options: dict[str, Any]) -> str:
-    """Names of those `options` whose values differ from their defaults, as text for a message.
+def _list_changed_options(options: dict[str, Any], names: Iterable[str]) -> str:
+    """List, as text for a message, the options whose values differ from their defaults.
 
-    The keys are names of parameters of `fit_picture`. Empty if there is no difference.
+    - `options`: the values of all parameters of `fit_picture`, by name.
+    - `names`: the parameters to look at.
+
+    The text is empty if no value differs. In it, an option is written as on the command line.
     """
     defaults = inspect.signature(fit_picture).parameters
-    changed = [name for name, value in options.items() if value != defaults[name].default]
+    changed = [name for name in names if options[name] != defaults[name].default]
     return ", ".join(
         "-n" if name == "triangles" else f"--{name.replace('_', '-')}" for name in changed
     )
@@ -196,23 +235,22 @@ _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softne
 """Parameters of `fit_picture` that are passed on to `fit_frames` for a film."""
 
 
-def _check_film(
-    frames: list[Path], animation: Path, digits: int | None, options: dict[str, Any]
-) -> None:
+def _check_film(frames: list[Path], film: FilmOptions, options: dict[str, Any]) -> None:
     """Raise `ValueError` for a film that cannot be written, and for options that films lack.
 
-    - `frames`: the pictures of the film; there must be one at least.
-    - `options`: the values of all options of a fit.
+    - `frames`: the pictures of the film. An empty list raises `ValueError`.
+    - `options`: the values of all parameters of `fit_picture`, by name.
     """
-    check_animation(animation)
+    check_animation(film.animation)
     if not frames:
-        raise ValueError(f"{animation}: --animation needs the frames of a film.")
+        raise ValueError(f"{film.animation}: --animation needs the frames of a film.")
+    picture_only = (*_SETTINGS, *_FILES_OF_SETTINGS, *_PICTURE_ONLY)
     unsupported = _list_changed_options(
-        {name: value for name, value in options.items() if name not in _FILM_SETTINGS}
+        options, [name for name in picture_only if name not in _FILM_SETTINGS]
     )
     if unsupported:
         raise ValueError(f"{unsupported}: not available for films (--animation).")
-    check_digits(digits, [animation])
+    check_digits(film.digits, [film.animation])
 
 
 def _fit_film(
