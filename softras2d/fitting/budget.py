@@ -1,4 +1,4 @@
-"""How long a fit may take, in steps or in seconds, and how much of that is used."""
+"""How long a fit may take, in steps or in seconds, and how much of that time is used."""
 
 import time
 from typing import NamedTuple, Protocol
@@ -6,31 +6,38 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 DEFAULT_STEPS = 1000
-"""Steps of a fit that is given neither `steps` nor `seconds`."""
+"""Number of steps of a fit for which the user gives neither `steps` nor `seconds`."""
 
 END_SECONDS = 3.0
-"""Seconds set aside for the end of a fit, until it is known how long that takes."""
+"""Seconds reserved for the end of a fit, until its duration is known.
+
+At its end, a fit solves for colours if asked to, and draws and scores its result."""
 
 MAX_START_SHARE = 0.35
-"""Share of the time limit `seconds` after which the search for a start ends with what it has."""
+"""Share of the time limit `seconds` after which the search for initial triangles ends.
+
+The fit then starts from the triangles that the search has so far."""
 
 _CHUNK_SECONDS = 0.5
-"""Target length of a chunk in a fit by `seconds`: how long a user waits for Ctrl-C to act, and
-between two reports."""
+"""Intended duration of a chunk of steps, in seconds, if the fit has a time limit.
+
+For about this long a user waits for Ctrl-C to act, and for the next progress report."""
 
 _CHUNK_PER_MEASUREMENT = 10.0
-"""Least duration of a chunk in a fit by `seconds`, as a multiple of the time that the PSNR and SSIM
-of its image take."""
+"""Least duration of a chunk of steps, if the fit has a time limit, as a multiple of the time that
+computing the PSNR and SSIM after the chunk takes."""
 
 _MIN_CHUNKS = 8
-"""A fit of few steps has at least this many chunks, because triangles are added between them."""
+"""Least number of chunks of a fit that is limited by steps, because triangles are added between
+them."""
 
 
 class Limits(NamedTuple):
-    """How long a call of `fit` may take: a number of steps, or until a deadline.
+    """The limit of a call of `fit`: a number of steps, or a point in time.
 
     - `began`: when the call began, in seconds on the clock of `time.perf_counter`.
-    - `steps`: largest number of steps, including the steps of a resumed fit; None with a deadline.
+    - `steps`: largest total number of steps, including the steps of a fit that is resumed; None if
+      there is a deadline.
     - `deadline`: when the call must end, on the same clock; None if `steps` is the limit.
     """
 
@@ -40,18 +47,19 @@ class Limits(NamedTuple):
 
     @staticmethod
     def of(began: float, steps: int | None, seconds: int | float | None) -> "Limits":
-        """Make the limits of a call that began at `began`, from its options `steps` and `seconds`.
+        """Make the limits of a call from the arguments `steps` and `seconds` of `fit`.
 
-        At most one of them is given; if none is, the limit is `DEFAULT_STEPS`.
+        At most one of these arguments is given. If neither is, the limit is `DEFAULT_STEPS` steps.
+        `began`: when the call began, in seconds on the clock of `time.perf_counter`.
         """
         if seconds is None:
             return Limits(began, DEFAULT_STEPS if steps is None else steps, None)
         return Limits(began, None, began + seconds)
 
     def must_start(self) -> bool:
-        """Whether the search for a start has taken so long that steps must begin.
+        """Whether the search for initial triangles has used the share `MAX_START_SHARE` of time.
 
-        False without a deadline.
+        Always False if there is no deadline.
         """
         if self.deadline is None:
             return False
@@ -60,23 +68,24 @@ class Limits(NamedTuple):
 
 
 class Estimate(Protocol):
-    """Seconds that something will take, which become known later: a `Future`, or a `Rehearsal`."""
+    """A duration in seconds that becomes known later: a `Future[float]` or a `Rehearsal`."""
 
     def done(self) -> bool:
-        """Whether the seconds are known."""
+        """Whether the duration is known."""
         ...
 
     def result(self) -> float:
-        """The seconds; waits until they are known."""
+        """The duration in seconds; waits until it is known."""
         ...
 
 
 class Budget(NamedTuple):
-    """The limits of a fit, and how much of them is used.
+    """The limit of a fit, and functions that tell how much of it is used.
 
-    - `end_seconds`: the seconds that the end of the fit takes: solving for colours, and scoring.
-    - `seconds_before`: seconds that the resumed fit took; 0 if there is none.
-    - `end_guess`: the seconds to set aside until `end_seconds` is known.
+    - `end_seconds`: the seconds that the end of the fit takes, in which it solves for colours, and
+      draws and scores its result.
+    - `seconds_before`: seconds that the resumed fit took; 0 for a new fit.
+    - `end_guess`: the seconds to reserve for the end of the fit until `end_seconds` is known.
     """
 
     limits: Limits
@@ -85,11 +94,14 @@ class Budget(NamedTuple):
     end_guess: float = END_SECONDS
 
     def share(self, steps: int, compiled_at: float | None) -> float:
-        """Share of the fit that is done after `steps` steps, 0..1.
+        """Share of the fit that is done after a total of `steps` steps, in 0..1.
 
-        With a deadline it is a share of the time for steps, in which the first chunk does not
-        count, because it compiles. `compiled_at`: when the first chunk ended, on the clock of
-        `time.perf_counter`; None before that.
+        If the limit is a number of steps, this is the share of these steps. If the limit is a
+        deadline, it is the share of the time for steps. That time includes the seconds of a resumed
+        fit, and excludes the first chunk, which compiles, and the seconds reserved for the end.
+
+        `compiled_at`: when the first chunk of this call ended, on the clock of `time.perf_counter`;
+        None before that.
         """
         if self.limits.steps is not None:
             return steps / self.limits.steps if self.limits.steps else 1.0
@@ -98,9 +110,10 @@ class Budget(NamedTuple):
         return min(1.0, done / max(done + self._seconds_for_steps(), 1e-9))
 
     def seconds_left(self, steps: int, step_seconds: float) -> float:
-        """Estimated seconds to the last step, after `steps` steps.
+        """Estimate the seconds until the last step, after a total of `steps` steps.
 
-        `step_seconds`: how long a step takes; NaN if not known. It is used only without a deadline.
+        `step_seconds`: how long a step takes; NaN if not known, which makes the result NaN. It is
+        used only if the limit is a number of steps.
         """
         if self.limits.steps is None:
             return self._seconds_for_steps()
@@ -113,10 +126,11 @@ class Budget(NamedTuple):
     def next_steps(
         self, steps: int, max_steps: int, step_seconds: float | None, measure_seconds: float
     ) -> int:
-        """Number of steps of the next chunk, after `steps` steps; at most `max_steps`.
+        """Number of steps of the next chunk, after a total of `steps` steps; at most `max_steps`.
 
-        - `step_seconds`: how long a step takes; None until it is known.
-        - `measure_seconds`: how long the PSNR and SSIM of the image take after a chunk.
+        - `step_seconds`: how long a step takes; None if it is not known, which makes the result 1
+          if there is a deadline.
+        - `measure_seconds`: how long the PSNR and SSIM of the image take to compute after a chunk.
         """
         if self.limits.steps is not None:
             chunk = -(-self.limits.steps // _MIN_CHUNKS)
@@ -127,7 +141,10 @@ class Budget(NamedTuple):
         return int(np.clip(min(seconds, self._seconds_for_steps()) / step_seconds, 1, max_steps))
 
     def _seconds_for_steps(self) -> float:
-        """Seconds left for steps before the deadline, less the seconds set aside for the end."""
+        """Seconds that remain for steps before the deadline.
+
+        The seconds that are reserved for the end of the fit are subtracted.
+        """
         assert self.limits.deadline is not None
         seconds = self.end_seconds.result() if self.end_seconds.done() else self.end_guess
         return max(0.0, self.limits.deadline - seconds - time.perf_counter())

@@ -1,4 +1,4 @@
-"""Check and complete the arguments of `fit`; invalid ones are refused with one line of text.
+"""Check and complete the arguments of `fit`; an invalid argument raises `ValueError` of one line.
 
 This module does not load JAX, so that the command line can check its arguments first.
 """
@@ -15,19 +15,20 @@ from . import steering
 from .traits import TRAITS
 
 STARTS = get_args(names.FitStart)
-"""Values of the option `start`, besides a scene or a mesh."""
+"""The names that the option `start` accepts. It accepts a scene or a mesh, too."""
 
 FROM_OBJECT = "given"
-"""Value of `start` or `loss` in saved settings if it was not a name but an object or a function.
+"""Value of `start` or `loss` in saved settings, if the user gave an object or a function.
 
-The start of a fit is not needed to resume it; a loss function must be given again."""
+To resume such a fit, its start is not needed. A loss function must be given again."""
 
 
 def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     """Complete the arguments of `fit`, and convert them to plain Python types where possible.
 
-    This fills in the family's default shading and size, makes `softness` a pair, turns NumPy
-    scalars into numbers, and colours into lists. Invalid values are left for `check` to refuse.
+    `settings`: arguments of `fit`, by name. In the result, `shading` and `size` have the defaults
+    of the family in place of None, `softness` is a pair of numbers, NumPy scalars are Python
+    numbers, and colours are lists. Invalid values are not changed, so that `check` can refuse them.
     """
     normalized = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     name = normalized["family"]
@@ -50,9 +51,10 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
-    """Raise `ValueError` unless the arguments of `fit`, as `normalize` returns them, are valid.
+    """Raise `ValueError` unless the arguments of `fit` are valid, alone and together.
 
-    `steps`, `seconds`: the limits of the fit; None if not given. Only one may be given.
+    - `settings`: the arguments by name, as `normalize` returns them.
+    - `steps`, `seconds`: the limits of the fit; None if not given. At most one may be given.
     """
     name = settings["family"]
     _check_choice("family", name, tuple(TRAITS))
@@ -91,10 +93,10 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
 def prepare_weights(
     weights: Any, target: Float[np.ndarray, "height width channels"]
 ) -> Float[np.ndarray, "height width"] | None:
-    """Scale weights to a mean of 1, as float32; None stays None.
+    """Divide the weights of a target's pixels by their mean, as float32; None stays None.
 
-    Raises `ValueError` unless there is one finite weight for each pixel, with none below 0 and some
-    above it.
+    `target`: the image, whose height and width `weights` must have. Raises `ValueError` unless all
+    weights are finite numbers of 0 or more, and at least one is above 0.
     """
     if weights is None:
         return None
@@ -110,9 +112,10 @@ def prepare_weights(
 
 
 def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "") -> None:
-    """Raise `ValueError` unless a value is among the choices.
+    """Raise `ValueError` unless `value` is among `choices`.
 
-    `of`: text after the argument's name in the message, such as `" of a mesh fit"`.
+    - `name`: the argument's name, for the message.
+    - `of`: text after the argument's name in the message, such as `" of a mesh fit"`.
     """
     if value not in choices:
         allowed = ", ".join(map(repr, choices))
@@ -120,14 +123,17 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
 
 
 def _check_integer(name: str, value: Any, minimum: int) -> None:
-    """Raise `ValueError` unless a value is an integer from `minimum` to 2^31 - 1."""
+    """Raise `ValueError` unless `value` is an integer from `minimum` to 2^31 - 1.
+
+    `name`: the argument's name, for the message.
+    """
     is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_integer or not minimum <= value < 2**31:
         raise ValueError(f"`{name}` must be a whole number from {minimum} on; got {value!r:.60}.")
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a finite real number."""
+    """Whether a value is a finite real number, and not a boolean."""
     is_numeric = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     try:
         return is_numeric and math.isfinite(value)

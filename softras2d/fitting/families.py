@@ -1,4 +1,7 @@
-"""The table of fit families, by the values of the option `family`; see also `traits`."""
+"""The table of fit families, by the name that the option `family` accepts.
+
+`traits` has a table of the option values that each family accepts, which loads without JAX.
+"""
 
 from .family import Family
 from .layers.family import LayersFit

@@ -1,11 +1,12 @@
-"""The interface of a fit family. There are two families: free layers and meshes.
+"""The interface of a fit family. The families are layers, which are free triangles, and meshes.
 
 A fit alternates between two kinds of work. A chunk of solver steps runs as one compiled program and
 changes only the unknowns. Between chunks, the family does on the host what a solver cannot do: it
-adds triangles, moves them where the error is, or repairs a mesh. `loop.run` drives both through the
-methods below.
+adds triangles, moves triangles to where the error is, or repairs a mesh. `loop.run` calls the
+methods below for both kinds of work.
 
-To add a family, write an `AbstractFit`, and add a row to `traits.TRAITS` and `families.FAMILIES`.
+To add a family, write a subclass of `AbstractFit`, and add a row to `traits.TRAITS` and to
+`families.FAMILIES`.
 """
 
 import abc
@@ -28,19 +29,19 @@ class FitRequest(NamedTuple):
     """Everything that a family needs to construct a fit before its first step.
 
     - `target`: the image and its weights, at the size of the fit.
-    - `settings`: the arguments of `fit`, checked and completed (see `choices`).
+    - `settings`: the arguments of `fit`, checked and completed by `choices`.
     - `start`: the name of a start, or a `Scene` or `Mesh` in pixels of the fit. It is
       `choices.FROM_OBJECT` in a resumed fit that once started from a scene or a mesh.
-    - `loss`, `solver`: the error that is minimised, and the method that minimises it.
+    - `loss`: the error to be minimised.
+    - `solver`: the optimizer.
     - `seed`: the seed of all random choices.
     - `adjustable_rate`: whether the solver has a learning rate that the family may lower.
-    - `resume_state`: the arrays of the fit to be resumed, or None for a new fit. The constructor
-      takes from it what fixes the shapes of the fit (for a mesh, the mesh itself);
-      `AbstractFit.restore_family_state` restores the other values later.
-    - `must_start()`: returns whether the search for a start must end, because its share of the time
-      is over.
-    - `masks`: which `"vertices"` and `"triangles"` are frozen, by these names; a name that the
-      option `freeze` does not mention is absent.
+    - `resume_state`: the saved arrays of the fit to be resumed, by name, or None for a new fit. The
+      constructor reads from them only what fixes the shapes of the fit (for a mesh, the mesh
+      itself); `AbstractFit.restore_family_state` restores the other values later.
+    - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `masks`: the boolean masks of the option `freeze`, by the names `"vertices"` and
+      `"triangles"`. A name that the user did not give is absent.
     """
 
     target: Target
@@ -58,26 +59,29 @@ class FitRequest(NamedTuple):
     def exchanges(self) -> bool:
         """Whether, between chunks, triangles or vertices are moved to where the error is large.
 
-        False if the option `freeze` names anything.
+        This is so for `start="error"`, unless the option `freeze` names anything.
         """
         return self.places_by_error and not self.settings["freeze"]
 
     @property
     def places_by_error(self) -> bool:
-        """Whether new triangles or vertices are placed where the error is large.
+        """Whether new triangles or vertices are added where the error is large.
 
-        True for `start="error"`.
+        This is so for `start="error"`.
         """
         return self.settings["start"] == "error"
 
     @property
     def may_freeze(self) -> bool:
-        """Whether some unknowns are frozen, now or later, by the user or because of a palette."""
+        """Whether some unknowns do not change, now or later, by option `freeze` or `palette`."""
         return bool(self.settings["freeze"]) or self.settings["palette"] is not None
 
     @property
     def starts_from_object(self) -> bool:
-        """Whether the user gave a scene or mesh to start from, to this fit or to a resumed one."""
+        """Whether the user gave a scene or a mesh as the option `start`.
+
+        In a resumed fit, the option of the earlier fit counts.
+        """
         start = self.settings["start"]
         return not isinstance(start, str) or start not in get_args(names.FitStart)
 
@@ -88,25 +92,29 @@ class FitRequest(NamedTuple):
 
     @property
     def solves_colors(self) -> bool:
-        """Whether the colours of least squared error are solved for before each chunk."""
+        """Whether the colours of least squared error are solved for before each chunk of steps."""
         return self.settings["colors"] == "solve"
 
 
 class AbstractFit(abc.ABC):
-    """The state of one fit between two chunks of steps, and what its family does there.
+    """The state of one fit between two chunks of steps, and what its family does at that time.
 
-    The constructor of a family takes a `FitRequest`, builds the start, plans for it and sets all of
-    the attributes below. It raises `ValueError` for a start that does not suit the family.
+    The constructor of a family takes a `FitRequest`, makes the initial triangles, plans how to draw
+    them (see `planning.plan`) and sets all of the attributes below. It raises `ValueError` for a
+    start that does not suit the family.
 
     - `request`: the request from which the fit was made.
-    - `residual`: the function that the solver minimises. `residual(unknowns, data)` returns
-      `(out, (image, outgrown))`: the residual or scalar loss, the image of these unknowns, and
-      whether their scene outgrew the plan, so that triangles are missing in the image.
-    - `data`: arrays that may change between chunks without compiling again.
-    - `progress`: unknowns, solver state and number of steps.
+    - `residual`: the function that the solver minimises. `residual(unknowns, data)` returns `(out,
+      (image, outgrown))`. `out` is the residual of least squares, or the scalar loss; `image` is
+      the image of these unknowns; and `outgrown` says whether their scene needs more capacity than
+      the plan has, so that triangles are missing in the image.
+    - `data`: the arrays besides the unknowns on which the residual depends. They may change between
+      chunks without compiling again.
+    - `progress`: the unknowns, the solver's state and the number of steps.
     - `image`: the image of the last step, with straight alpha, at the size and with the coverage of
       the fit. Before the first step it is the background (layers) or the target (mesh).
-    - `active`: number of triangles in use; the other triangles in the arrays are spare.
+    - `active`: number of triangles in use. They come first in the arrays; the other triangles are
+      spare, and are not visible.
     - `last_exchange`: share of the fit that was done, 0..1, when triangles or vertices were last
       moved to where the error is large; 0 if that has not happened.
     """
@@ -128,29 +136,29 @@ class AbstractFit(abc.ABC):
     def likely_scene(self) -> Scene:
         """Make a scene, in pixels of the fit, about as costly to draw as the scenes of later steps.
 
-        Capacities are planned for it, and programs are compiled for its shapes.
+        Plans get capacity for this scene, and programs are compiled for its shapes.
         """
 
     @abc.abstractmethod
     def scene(self, *, padded: bool = False) -> Scene:
         """The scene with the least loss so far, in pixels of the fit.
 
-        `padded`: keep the spare triangles, which do not show, so that all scenes of a fit have the
-        same shapes and share a program.
+        `padded`: keep the spare triangles, which are not visible, so that all scenes of a fit have
+        the same shapes and share a compiled program.
         """
 
     @abc.abstractmethod
     def current_scene(self) -> Scene:
-        """The scene of the last unknowns, in pixels of the fit, without spare triangles."""
+        """The scene of the present unknowns, in pixels of the fit, without spare triangles."""
 
     @abc.abstractmethod
     def go_on_from(self, scene: Scene) -> None:
         """Continue from a scene, and forget the best unknowns so far.
 
-        The scene is in pixels of the fit, and has the triangles of `current_scene`, with other
-        positions, colours or background. Frozen unknowns keep their values. If triangles have
-        colours of the palette by now, each colour is replaced by the nearest of the palette. The
-        vertices of a mesh move only as far as no triangle is flipped.
+        `scene` is in pixels of the fit, and has the triangles of `current_scene`, with other
+        positions, colours or background. Frozen unknowns keep their values. If the triangles
+        already have colours of a palette, each colour is replaced by the nearest colour of the
+        palette. The vertices of a mesh move only as far as no triangle is flipped.
         """
 
     @abc.abstractmethod
@@ -159,63 +167,67 @@ class AbstractFit(abc.ABC):
 
         The fit itself does not change.
 
-        `reached`: pairs of unknowns and the `data` of the fit that they are from. That may be
-        another fit of a batch, whose frozen values and background differ.
+        `reached`: pairs `(unknowns, data)`. The data may come from another fit of the same batch,
+        whose frozen values and background differ.
         """
 
     @abc.abstractmethod
     def refine(self, share: float) -> None:
         """Improve the fit before a chunk of steps, on the host.
 
-        With the option `palette`, from `palette.PALETTE_START` on, this also assigns a colour of
-        the palette to each triangle (`palette.quantize`), and freezes it for the chunk
-        (`frozen.Frozen`). Before that, `scene` and `current_scene` replace each colour by the
-        nearest of the palette, so that all scenes of such a fit have its colours.
+        `progress` and `data` may change, but not the shapes of their arrays, so that the compiled
+        program can be used again.
 
-        `share`: share of the fit that is done, 0..1. `progress` and `data` may change, but not the
-        shapes of their arrays, so that the compiled program can be used again.
+        With the option `palette`, once `share` has reached `palette.PALETTE_START`, this method
+        also assigns a colour of the palette to each triangle (`palette.quantize`), and freezes the
+        colours for the chunk (`frozen.Frozen`). Before that, the solver changes colours freely, and
+        `scene` and `current_scene` replace each colour by the nearest colour of the palette.
+
+        `share`: share of the fit that is done, 0..1.
         """
 
     @abc.abstractmethod
     def polish(self) -> None:
         """Replace the unknowns by the best so far, with the colours of least squared error.
 
-        The squared error is computed at the size of the fit and in the colour space of its loss,
-        with its weights, and summed over pixels and channels. `residual` is replaced too if its
-        plan is too small for these unknowns.
+        The squared error is weighted, and summed over pixels and channels, at the size of the fit
+        and in the colour space of the loss. `residual` is replaced, too, if its plan is too small
+        for these unknowns.
         """
 
     def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
-        """Improve the best unknowns for a `target` larger than the fit, at the end of the fit.
+        """Improve the best unknowns at the end of a fit that is smaller than its target.
 
-        Does nothing unless a family overrides it.
+        `target`: the image and its weights at their original size. The method does nothing unless a
+        family overrides it.
         """
 
     @abc.abstractmethod
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays, by name, that only fits of this family save.
+        """Return the arrays, by name, that are saved for fits of this family only.
 
-        `state.save_state` adds the arrays that all fits save. The names are part of the file
-        format.
+        `state.save_state` adds the arrays that are saved for all fits. The names are part of the
+        file format.
         """
 
     @abc.abstractmethod
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` saved, after `state.restore_state` has restored the rest.
+        """Restore what `family_state` returned; `state.restore_state` has restored everything else.
 
-        `arrays` holds all arrays of the saved state, by name. Raises `ValueError` for arrays of
-        other shapes or types than this fit has.
+        `arrays` has all arrays of the saved state, by name. Raises `ValueError` for arrays of other
+        shapes or types than this fit has.
         """
 
 
 class Family(NamedTuple):
-    """A row of the table of families.
+    """A row of the table of fit families, `families.FAMILIES`.
 
-    - `make`: the constructor.
-    - `unknowns`: makes the pytree of unknowns from its leaves, in the order of `jax.tree.leaves`.
-    - `check_state`: checks the entries that `family_state` saved, given the settings, the size and
-      the number of triangles in use of the fit. It returns the shapes of the leaves of the
-      unknowns, or raises `ValueError`.
+    - `make`: the constructor of the family's fit.
+    - `unknowns`: function that makes the pytree of unknowns from its leaves, in the order of
+      `jax.tree.leaves`.
+    - `check_state`: function of the saved arrays, and of the fit's settings, size and number of
+      triangles in use. It checks the arrays that `family_state` returned, and raises `ValueError`
+      if one is invalid. It returns the shapes of the leaves of the unknowns.
     """
 
     make: Callable[[FitRequest], AbstractFit]

@@ -192,9 +192,11 @@ def _fit_to_the_end(
     checkpoint: str | os.PathLike[str] | None,
     interrupt: Interrupt,
 ) -> FitResult:
-    """Run a fit to its limits, solve for its colours, and make its result.
+    """Run a fit to its limits, solve for colours if the settings ask for it, and make the result.
 
-    After Ctrl-C, colours are not solved for, and the result so far is written to `checkpoint`.
+    If Ctrl-C was pressed, colours are not solved for. After the first Ctrl-C, the result so far is
+    written to `checkpoint`, if there is one, and returned. After the second, an unscored result is
+    written there, and `KeyboardInterrupt` is raised.
     """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
@@ -212,9 +214,9 @@ def _fit_to_the_end(
 
 
 def _check_checkpoint(path: Path) -> None:
-    """Raise `ValueError` unless `path` ends in .npz and can be written.
+    """Raise `ValueError` unless the file `path` ends in .npz and can be written.
 
-    This is checked before the fit, so that no work is lost.
+    `fit` calls this before its first step, so that no work is lost.
     """
     if path.suffix.lower() != ".npz":
         raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")
@@ -229,9 +231,12 @@ def _run(
     checkpoint: str | os.PathLike[str] | None,
     stop: Callable[[], bool],
 ) -> bool:
-    """Run the chunks of a fit until its limits; return whether Ctrl-C ended it before.
+    """Run the chunks of a fit until its limits; return whether Ctrl-C ended the fit early.
 
-    `stop()`: returns whether Ctrl-C was pressed.
+    - `limits`: the limits of the fit, in steps or seconds.
+    - `report`, `callback`: the user's functions, as in `fit`, or None.
+    - `checkpoint`: the file to write every half minute, or None.
+    - `stop()`: returns whether Ctrl-C was pressed.
     """
 
     def best_scene() -> Scene:
@@ -263,7 +268,7 @@ def _run(
 
 
 def _save(result: FitResult, checkpoint: str | os.PathLike[str]) -> None:
-    """Write a checkpoint; warn if it cannot be written."""
+    """Write a result to the file `checkpoint`; warn if it cannot be written, without raising."""
     try:
         result.save(checkpoint)
     except (ValueError, OSError) as error:

@@ -1,8 +1,8 @@
-"""Unknowns that a solver must not change: frozen ones, and colours that a palette decides.
+"""Unknowns that a solver must not change: frozen by the user, or colours that a palette decides.
 
-The solver still sees them, but what it does to them has no effect: wherever a scene is made from
-unknowns, the frozen ones are replaced by fixed values. Masks and values are part of the `data` that
-a residual takes, so that they can change between chunks without compiling again.
+The solver still changes its copy of them, but without effect: wherever a scene is made from
+unknowns, the frozen ones are replaced by fixed values. Masks and fixed values are part of the
+`data` that a residual takes, so that they can change between chunks without compiling again.
 """
 
 from collections.abc import Mapping
@@ -18,15 +18,16 @@ from ..numerics.device import to_device
 from ..scene import Scene
 
 Mask = Bool[np.ndarray, " n"]
-"""For each vertex, triangle or entry of a field, whether it is frozen."""
+"""For each vertex, triangle or entry of an array, whether it is frozen."""
 
 
 class Frozen(NamedTuple):
-    """Which unknowns are frozen, and their values.
+    """Which unknowns are frozen, and their fixed values.
 
-    - `masks`: one array for each leaf of the unknowns, in the order of `jax.tree.leaves`, true
-      where a number is frozen. It has as many axes as the leaf; an axis of length 1 is broadcast.
-    - `values`: a pytree like the unknowns, of which only the numbers under the masks are used.
+    - `masks`: one boolean array for each leaf of the unknowns, in the order of `jax.tree.leaves`,
+      true where a number is frozen. It has as many axes as the leaf; an axis of length 1 is
+      broadcast.
+    - `values`: a pytree like the unknowns, of which only the numbers where a mask is true are used.
     """
 
     masks: tuple[Bool[Array, "..."], ...]
@@ -34,7 +35,7 @@ class Frozen(NamedTuple):
 
 
 def with_frozen(y: Any, frozen: Frozen | None) -> Any:
-    """Replace the frozen unknowns by their fixed values, so that their gradient is 0.
+    """Replace the frozen numbers in the unknowns `y` by their fixed values; their gradient is 0.
 
     If `frozen` is None, `y` is returned unchanged.
     """
@@ -49,11 +50,11 @@ def with_frozen(y: Any, frozen: Frozen | None) -> Any:
 
 
 def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
-    """Freeze some of the unknowns at their values in `y`, a named tuple of arrays.
+    """Freeze some of the unknowns `y`, a named tuple of arrays, at their values in `y`.
 
-    `masks`: by the name of a field of `y`, True to freeze all of it, or a mask along its first
-    axis. A mask may be shorter than the field; the entries after it are not frozen. Nor are the
-    fields without a mask.
+    `masks`: for the name of a field of `y`, either True, which freezes the field, or a mask along
+    its first axis. If a mask is shorter than the field, the entries after the mask are not frozen.
+    A field without a mask is not frozen.
     """
     arrays = []
     for name, leaf in y._asdict().items():
@@ -73,12 +74,13 @@ def with_exact_positions(
 ) -> Scene:
     """Restore the exact positions that some triangles had in an earlier scene.
 
-    Conversion to the unit of the unknowns, and to the size of the fit, changes positions by
-    rounding errors.
+    During a fit, these positions are converted to other units, which changes them by rounding
+    errors.
 
     - `scene`: its triangle k has the vertices 3 k, 3 k + 1 and 3 k + 2.
-    - `earlier`: a scene with the same triangles, which may share vertices.
-    - `triangles`: true for those whose corners are taken from `earlier`.
+    - `earlier`: a scene with the same triangles, in the same unit; its triangles may share
+      vertices.
+    - `triangles`: true for each triangle whose corners are taken from `earlier`.
     """
     corners = np.asarray(scene.positions).reshape(-1, 3, 2)
     before = np.asarray(earlier.positions)[np.asarray(earlier.triangles)]

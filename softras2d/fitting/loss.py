@@ -19,14 +19,14 @@ from ..names import Loss as LossKind
 from ..names import LossSpace
 
 LossFunction = Callable[[Array, Array], Array]
-"""A user's loss: a function of an image and the target that returns a scalar.
+"""The type of a user's loss: a function of an image and the target that returns a scalar.
 
-Both are as `Loss.prepare` returns them."""
+`Loss.prepare` has converted the image and the target before the function gets them."""
 
 _SSIM_SHARE = 0.02
 """Weight of 1 - SSIM in the loss `"ssim"`, for each channel of each pixel.
 
-The squared error of a channel of a pixel has the weight 1."""
+The squared error of one channel of one pixel has the weight 1."""
 
 
 class Loss(eqx.Module):
@@ -34,10 +34,10 @@ class Loss(eqx.Module):
 
     - `kind`: `"squared"`; `"l1"`, absolute error, with gradient 0 where images are equal; or
       `"ssim"`, squared error plus 0.02 (1 - SSIM) for each channel of each pixel.
-    - `light`: the colour space. `"display"` compares sRGB values; `"linear"` decodes them first, so
-      that errors in dark regions count less.
-    - `function`: a loss that the user gave, in place of `kind`; None: there is none. Arrays that it
-      holds, such as those of an `eqx.Module`, are arguments of the compiled program.
+    - `light`: the colour space. `"display"` compares sRGB values; `"linear"` converts them to
+      linear light first, so that errors in dark regions count less.
+    - `function`: a loss that the user gave, which replaces `kind`; None if there is none. Arrays
+      that it contains, such as those of an `eqx.Module`, are arguments of the compiled program.
 
     Images with four channels have straight alpha. They are compared premultiplied, with alpha as a
     fourth channel.
@@ -75,11 +75,12 @@ class Loss(eqx.Module):
     ) -> Array:
         """Compare an image to the target.
 
-        Squared error returns a residual for each channel of each pixel, whose squares sum to the
-        loss. The other losses, and a user's function, return the loss, a scalar.
+        The result for squared error is an array with one residual for each channel of each pixel,
+        whose squares sum to the loss. For the other losses, and for a user's function, it is the
+        loss, a scalar.
 
         - `image`: sRGB values, with straight alpha if there are four channels.
-        - `prepared`: the target as `prepare` returns it.
+        - `prepared`: the target, as `prepare` returns it.
         - `weights`: factors for the squared or absolute error of each pixel; None: all are 1. They
           do not affect SSIM or a user's function.
         """
@@ -89,7 +90,7 @@ class Loss(eqx.Module):
 
 
 def _scalar(value: Any) -> Float[Array, ""]:
-    """Convert what a user's loss returned to float32; raise `ValueError` unless it is a scalar."""
+    """Convert the result of a user's loss to float32; raise `ValueError` unless it is a scalar."""
     if jnp.shape(value) != () or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
         got = f"{jnp.result_type(value)} {list(jnp.shape(value))}"
         raise ValueError(f"`loss` must return one real number; its function returned {got}.")
@@ -97,13 +98,19 @@ def _scalar(value: Any) -> Float[Array, ""]:
 
 
 def _squared(image: Array, target: Array, weights: Array | None) -> Array:
-    """Residual of squared error: the difference of the images times the root of the weights."""
+    """Residual of squared error: image minus target, times the square root of the pixel's weight.
+
+    `image`, `target`: as `Loss.prepare` returns them.
+    """
     error = image - target
     return error if weights is None else error * jnp.sqrt(weights)[..., None]
 
 
 def _absolute(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
-    """Sum of the weighted absolute errors over pixels and channels."""
+    """Sum of the weighted absolute errors over pixels and channels.
+
+    `image`, `target`: as `Loss.prepare` returns them.
+    """
     error = jnp.abs(image - target)
     return jnp.sum(error if weights is None else error * weights[..., None])
 
@@ -111,7 +118,8 @@ def _absolute(image: Array, target: Array, weights: Array | None) -> Float[Array
 def _with_ssim(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
     """Sum of the weighted squared errors over pixels and channels, plus a multiple of 1 - SSIM.
 
-    The multiple is `_SSIM_SHARE` for each channel of each pixel.
+    The multiple is `_SSIM_SHARE` times the number of pixels and of channels. `image`, `target`: as
+    `Loss.prepare` returns them.
     """
     error = _squared(image, target, weights)
     return jnp.sum(error * error) + _SSIM_SHARE * error.size * (1.0 - ssim(image, target))
@@ -122,6 +130,7 @@ _LOSSES: dict[LossKind, Callable[[Array, Array, Array | None], Array]] = {
     "l1": _absolute,
     "ssim": _with_ssim,
 }
-"""For each value of `Loss.kind`, the function of the prepared image, target and weights.
+"""For each value of `Loss.kind`, a function of the image, the target and the weights of the pixels.
 
-The function of `"squared"` returns a residual; the others return the loss, a scalar."""
+`Loss.prepare` has converted the image and the target. The function of `"squared"` returns one
+residual for each channel of each pixel; the others return the loss, a scalar."""

@@ -1,4 +1,4 @@
-"""Make a fit from a target and settings, and check targets and fits to be resumed."""
+"""Make a fit from its target and settings, and check targets and results to be resumed."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -30,12 +30,15 @@ def make_fit(
 ) -> AbstractFit:
     """Make a fit of the family that the settings name, before its first step.
 
-    - `resume`: a result that gives the shapes of the arrays. Its values are restored later, by
-      `state.restore_state`.
-    - `must_start()`: returns whether the search for a start must end with what it has.
+    - `target`: the image and its weights, at their original size.
+    - `settings`: the arguments of `fit`, checked and completed by `choices`.
+    - `frame`: the size of the fit.
+    - `resume`: the result of the fit that is resumed, or None. Only the shapes of its arrays matter
+      here; `state.restore_state` restores its values later.
+    - `must_start()`: returns whether the search for initial triangles must end with what it has.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
 
-    Raises `ValueError` if solver, loss, weights and start do not go together.
+    Raises `ValueError` if the solver, the loss, the weights and the start cannot be combined.
     """
     solver = solver_of(settings["solver"])
     loss = _loss_of(settings, target)
@@ -57,7 +60,7 @@ def make_fit(
 
 
 def _check_loss(solver: Solver, loss: Loss) -> None:
-    """Raise `ValueError` if a least-squares solver is given a loss other than squared error."""
+    """Raise `ValueError` if the solver needs squared error, and the loss is another one."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver) and not loss.is_squared:
         raise ValueError(
             f"solvers of least squares take `loss='squared'`; got {loss.name!r}: use 'adam'."
@@ -65,9 +68,10 @@ def _check_loss(solver: Solver, loss: Loss) -> None:
 
 
 def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
-    """Make the loss that the settings name.
+    """Make the loss from the settings `loss`, a name or a function, and `light`, the colour space.
 
-    Raises `ValueError` if it is a function and the target has weights, which a function cannot use.
+    Raises `ValueError` if the loss is a function and the target has weights, which a function
+    cannot use.
     """
     loss, light = settings["loss"], settings["light"]
     if isinstance(loss, str):
@@ -78,10 +82,10 @@ def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
 
 
 def max_chunk_steps(solver: Solver, frame: Frame) -> int:
-    """Largest number of steps of a chunk.
+    """Largest number of steps of a chunk, for a solver and a size of fit.
 
-    It is small where steps are slow, with least-squares solvers and at large sizes, because Ctrl-C
-    and progress reports wait for the end of a chunk.
+    The number is small where steps are slow, with least-squares solvers and at large sizes, because
+    Ctrl-C and progress reports wait for the end of a chunk.
     """
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         return 2
@@ -89,10 +93,11 @@ def max_chunk_steps(solver: Solver, frame: Frame) -> int:
 
 
 def check_image(target: Any) -> Image:
-    """Convert a target to RGB or RGBA in 0..1, float32; raise `ValueError` if it is no image.
+    """Convert a target to RGB or RGBA, float32 in 0..1; raise `ValueError` if it is not an image.
 
-    `uint8` stands for 0..255, booleans for black and white, and grey is repeated. Colours above 1
-    become 1, which is the brightest that a triangle can have, with a warning.
+    `uint8` values stand for 0..255, booleans for black and white, and grey is repeated in three
+    channels. Colours above 1 become 1, which is the brightest that a triangle can have, with a
+    warning.
     """
     image = np.asarray(target)
     is_gray = image.ndim == 2 or (image.ndim == 3 and image.shape[-1] == 1)
@@ -118,10 +123,13 @@ def check_image(target: Any) -> Image:
 
 
 def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[Image]:
-    """Check and convert targets as `check_image` does.
+    """Check and convert targets as `check_image` does, and drop alpha that is 1 everywhere.
 
-    If all targets have alpha, and it is 1 everywhere, their alpha channels are dropped.
-    `transparent`: keep alpha channels instead, and add one of 1 to each target that has none.
+    Alpha channels are dropped only if all targets have alpha, and it is 1 in every pixel of all
+    targets.
+
+    `transparent`: keep the alpha channels in any case, and add an alpha of 1 to targets without
+    alpha.
     """
     images = [check_image(target) for target in targets]
     if transparent:
@@ -137,9 +145,9 @@ def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[I
 
 
 def check_resume(resume: Any, target: Image) -> None:
-    """Raise `ValueError` unless `resume` is the result of a fit that `target` can resume.
+    """Raise `ValueError` unless `resume` is the result of a fit that can be resumed with `target`.
 
-    Only the size of the target is compared; `state.restore_state` compares its values.
+    Of the target, only the size is compared here; `state.restore_state` compares its values.
     """
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
@@ -160,10 +168,10 @@ def check_resume(resume: Any, target: Image) -> None:
 
 
 def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
-    """Convert settings to types that JSON has.
+    """Convert the settings of a fit to types that JSON has.
 
-    A solver object becomes the name of its type, an object to start from and a loss function become
-    `choices.FROM_OBJECT`, and two equal widths in `softness` become one number.
+    A solver object becomes the name of its type. A scene or mesh as `start`, and a function as
+    `loss`, become `choices.FROM_OBJECT`. Two equal widths in `softness` become one number.
     """
     start, solver = settings["start"], settings["solver"]
     first, last = settings["softness"]
@@ -176,11 +184,11 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
-    """Return the settings of the earlier fit, to resume it.
+    """Return the settings with which to resume the fit of which `earlier` is the result.
 
-    The settings of a result hold no solver object and no loss function. If the earlier fit had one,
-    it is taken from `settings`, the arguments of the present call; nothing else is taken from
-    there. Raises `ValueError` if it is missing, or if the solver is of another type.
+    They are the settings of that fit. However, the settings of a result have no solver object and
+    no loss function. If the earlier fit had one, it is taken from `settings`, the arguments of the
+    present call. Raises `ValueError` if it is missing there, or if the solver is of another type.
     """
     solver_name, solver = earlier.settings["solver"], settings["solver"]
     resumed = dict(earlier.settings)
@@ -196,13 +204,20 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
 
 
 def freeze_of(earlier: FitResult) -> dict[str, Any]:
-    """Return the argument `freeze` of an earlier fit, a mapping from names to True or masks."""
+    """Return the argument `freeze` of the fit of which `earlier` is the result.
+
+    It is a mapping from names to True or to masks.
+    """
     groups = earlier.settings["freeze"]
     return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}
 
 
 def is_transparent(background: Any, resume: Any) -> bool:
-    """Whether the option `background` is `"transparent"`, in the fit that is resumed if any."""
+    """Whether the option `background` is `"transparent"`.
+
+    - `background`: the value that the user gave.
+    - `resume`: the result of the fit that is resumed, whose option then counts instead; or None.
+    """
     if isinstance(resume, FitResult):
         background = resume.settings.get("background", background)
     return isinstance(background, str) and background == "transparent"

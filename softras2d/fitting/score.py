@@ -18,9 +18,13 @@ from ..scene import Scene
 
 
 class Score(NamedTuple):
-    """An image with straight alpha, its PSNR in dB (infinite if equal to the target), and its SSIM.
+    """An image of a scene, and its scores against the target.
 
-    Both compare sRGB values over all pixels and channels, after `color.premultiply`.
+    - `image`: with straight alpha.
+    - `psnr`: in dB; infinite if the image is equal to the target.
+    - `ssim`: structural similarity, 1 if the image is equal to the target.
+
+    The scores compare sRGB values over all pixels and channels, after `color.premultiply`.
     """
 
     image: np.ndarray
@@ -29,7 +33,7 @@ class Score(NamedTuple):
 
 
 _MAX_PIXELS = 2**20
-"""Largest number of pixels for one computation of SSIM; larger images are cut into strips."""
+"""Largest number of pixels for which SSIM is computed at once; larger images are cut into strips."""
 
 _HEADROOM = 1.5
 """Capacity of a plan for scoring, as a multiple of what its scene needs.
@@ -38,10 +42,10 @@ Later scenes of the fit can then be drawn by the same program."""
 
 
 class Scorer:
-    """Scores scenes against one target: PSNR and SSIM of the hard image with 16 samples.
+    """Draws scenes as hard images with 16 samples per pixel, and scores them against one target.
 
-    Images are compared in sRGB values. Images with alpha are compared premultiplied, with alpha as
-    a fourth channel. `target` has straight alpha.
+    The scores are PSNR and SSIM of sRGB values. Images with alpha are compared premultiplied, with
+    alpha as a fourth channel. `target`: the image to compare with, with straight alpha.
     """
 
     def __init__(self, target: Float[np.ndarray, "height width channels"]):
@@ -49,9 +53,10 @@ class Scorer:
         self._plan: Plan | None = None
 
     def warm_up(self, likely: Scene) -> float:
-        """Compile for scenes like `likely`; return the seconds that `score` takes after that.
+        """Compile the programs of `score`; return the seconds that `score` takes after that.
 
-        `likely`: a scene in pixels of the target, about as costly to draw as those to be scored.
+        `likely`: a scene in pixels of the target, with the shapes of the scenes to be scored, and
+        about as costly to draw.
         """
         self.psnr(likely)
         # All strips take about equal times, so one is measured.
@@ -67,7 +72,10 @@ class Scorer:
         return time.perf_counter() - began + count * ssim_seconds[-1]
 
     def psnr(self, scene: Scene) -> float:
-        """PSNR, in dB, of a scene in pixels of the target, without SSIM, which costs more."""
+        """Compute only the PSNR, in dB, of the hard image of a scene in pixels of the target.
+
+        SSIM would cost more.
+        """
         return _psnr(premultiply(self.draw(scene)), self._target)
 
     def share_plan(self, other: "Scorer") -> None:
@@ -81,9 +89,9 @@ class Scorer:
         return Score(np.asarray(drawn), *psnr_and_ssim(image, self._target))
 
     def draw(self, scene: Scene) -> Float[Array, "height width channels"]:
-        """Draw the hard image of a scene in pixels of the target, with straight alpha.
+        """Draw the hard image, with straight alpha, of a scene in pixels of the target.
 
-        The last plan is used again if its capacities suffice, to save compiling.
+        The plan of the last scene is used again if its capacities suffice, to save compiling.
         """
         if self._plan is not None:
             image, outgrown = render_checked(scene, self._plan)
@@ -98,10 +106,11 @@ class Scorer:
 def psnr_and_ssim(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> tuple[float, float]:
-    """PSNR in dB (infinite if equal) and SSIM, over all pixels and channels of two images.
+    """Compute the PSNR in dB (infinite if equal) and the SSIM of an image against a target.
 
-    Both images are premultiplied. SSIM needs some thirty times the memory of an image, so for a
-    large image it is computed in strips, and averaged over the windows of all strips.
+    Both are over all pixels and channels. The images must be premultiplied. SSIM needs some thirty
+    times the memory of an image, so for a large image it is computed in strips of rows, and
+    averaged over the windows of all strips.
     """
     total = windows = 0.0
     for rows in strips(*image.shape[:2]):
@@ -115,7 +124,8 @@ def psnr_and_ssim(
 def strips(height: int, width: int) -> list[slice]:
     """Cut an image into strips of rows such that each window of SSIM lies in exactly one strip.
 
-    Strips therefore overlap. Each has about `_MAX_PIXELS` pixels; a small image is one strip.
+    Returns the rows of each strip. Strips overlap, because windows do. Each has about `_MAX_PIXELS`
+    pixels; a small image is one strip.
     """
     if height * width <= _MAX_PIXELS:
         return [slice(0, height)]
@@ -129,6 +139,7 @@ def strips(height: int, width: int) -> list[slice]:
 def _psnr(
     image: Float[Array, "height width channels"], target: Float[Array, "height width channels"]
 ) -> float:
+    """PSNR, in dB, of two premultiplied images, as a Python float."""
     return float(_jitted_psnr(image, target))
 
 

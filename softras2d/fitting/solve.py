@@ -1,7 +1,8 @@
 """Run a solver in chunks of steps, each of which is one run of a compiled program.
 
 Between chunks the host can look at the loss, change arguments that are arrays, stop, or continue,
-without compiling again. The best point so far is remembered, wherever the solver goes after it.
+without compiling again. The solve remembers the unknowns of least loss, wherever the solver goes
+after them.
 """
 
 import contextlib
@@ -19,20 +20,20 @@ from ..numerics.device import Device, Devices, to_device
 from .solvers import Solver
 
 Residual = Callable[[Any, Any], tuple[Any, Any]]
-"""A function that maps `(unknowns, arguments)` to `(out, (last, each))`.
+"""A function that maps `(unknowns, data)` to `(out, (last, each))`.
 
 `out` is a scalar loss, or a residual: a pytree of arrays whose squares sum to the loss. `last` and
-`each` are pytrees of arrays. A chunk of steps returns `last` of its last step only, and `each` of
-every step.
-"""
+`each` are pytrees of arrays. Of a chunk of steps, `last` is kept for the last step only, and `each`
+for every step."""
 
 
 class Progress(NamedTuple):
-    """A solve between two chunks of steps.
+    """The state of a solve between two chunks of steps.
 
     - `y`: the unknowns, a pytree of arrays.
-    - `state`: the state of the solver, wrapped so that it remembers the best point.
-    - `steps`: the number of steps since the solve began, those before `move` included.
+    - `state`: the state of the solver, wrapped so that it remembers the unknowns of least loss.
+    - `steps`: the number of steps since the solve began, including the steps before a call of
+      `move`.
     """
 
     y: Any
@@ -53,10 +54,10 @@ class Progress(NamedTuple):
 class Chunk(NamedTuple):
     """The result of a chunk of steps.
 
-    - `progress`: the solve after the chunk.
+    - `progress`: the state of the solve after the chunk.
     - `losses`: the loss of each step, as `advance` defines it.
-    - `aux`: the pair of `last` and `each` of the residual (see `Residual`); the arrays of `each`
-      have a leading axis of steps.
+    - `aux`: the pair `(last, each)` that the residual returns, see `Residual`. `last` is that of
+      the last step; the arrays of `each` have a leading axis of steps.
     """
 
     progress: Progress
@@ -67,7 +68,7 @@ class Chunk(NamedTuple):
 def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
     """Begin a solve at the unknowns `y`, without taking a step.
 
-    `args`: the second argument of `residual`.
+    `args`: the second argument of `residual`, its data.
     """
     return Progress(y, _begin(solver, residual, y, args), 0)
 
@@ -83,12 +84,13 @@ def advance(
 ) -> Chunk:
     """Take a chunk of `steps` steps of a solve, by one compiled program.
 
-    The loss of a step is the loss at the solver's last evaluation. First-order solvers evaluate
-    where the step begins; others evaluate where it would end, whether or not they accept it.
+    The loss of a step is the loss at the solver's last evaluation. First-order solvers evaluate at
+    the point where the step begins. Other solvers evaluate at the point where the step would end,
+    whether or not they accept the step.
 
-    - `args`: the second argument of `residual`.
-    - `max_steps`: an upper bound on `steps`, which is its default. Chunks with equal `max_steps`
-      share a program.
+    - `args`: the second argument of `residual`, its data.
+    - `max_steps`: an upper bound on `steps`; None: equal to `steps`. Chunks with equal `max_steps`
+      share a compiled program.
     """
     max_steps = steps if max_steps is None else max_steps
     y, state, losses, (last, each) = _advance(
@@ -108,11 +110,16 @@ def advance_each(
     max_steps: int | None = None,
     devices: Devices | None = None,
 ) -> list[Chunk]:
-    """Take a chunk of steps of each of several solves, by one compiled program.
+    """Take a chunk of `steps` steps of each of several solves, by one compiled program.
 
-    Returns one chunk for each solve, as `advance` would; `args` holds one second argument of
-    `residual` for each. The arrays of all solves must have the same shapes. With `devices`, each
-    device takes an equal share of the solves by the same program, without any communication.
+    Returns one chunk for each solve, as `advance` would. The arrays of all solves must have the
+    same shapes.
+
+    - `progresses`: the state of each solve.
+    - `args`: for each solve, the second argument of `residual`, its data.
+    - `max_steps`: as in `advance`.
+    - `devices`: devices each of which takes an equal share of the solves by the same program,
+      without any communication; None: JAX's first device takes all.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -156,12 +163,12 @@ def _on_device(tree: Any, device: Device) -> Any:
 
 
 def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: int) -> Chunk:
-    """Make the chunk of one solve from the stacked results of several.
+    """Extract the chunk of one solve from the stacked results of several solves.
 
-    - `results`: what `_advance_stacked` returned.
-    - `index`: which of the stacked solves it is.
-    - `progress`: this solve before the chunk.
-    - `static`: the leaves of unknowns, solver state and arguments that are no arrays.
+    - `results`: the return value of `_advance_stacked`.
+    - `index`: index of the solve along the leading axis of `results`.
+    - `progress`: the state of this solve before the chunk.
+    - `static`: the leaves of unknowns, solver state and data that are not arrays.
     - `steps`: number of steps that were taken.
     """
     y, state, losses, (last, each) = jax.tree.map(lambda leaf: leaf[index], results)
@@ -173,10 +180,10 @@ def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: 
 
 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
-    """Continue a solve from other unknowns `y`, and keep the best point so far.
+    """Continue a solve from other unknowns `y`, but remember the best unknowns so far.
 
-    Solvers that do not come from optax are restarted, because their state holds the loss and the
-    derivative at their last point.
+    Solvers that do not come from optax are restarted, because their state contains the loss and the
+    derivative at their last point. `args`: the second argument of `residual`, its data.
     """
     if isinstance(solver, optx.OptaxMinimiser):
         return progress._replace(y=y)
@@ -198,15 +205,15 @@ def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
 def _learning_rate(progress: Progress) -> Any:
     """Return the learning rate in the state of a solve; raise `AttributeError` if it has none.
 
-    It is an array, or a placeholder if `eqx.tree_at` calls this.
+    It is an array, or a placeholder if `eqx.tree_at` calls this function.
     """
     return progress.state.state.opt_state.hyperparams["learning_rate"]
 
 
 def forget_best(progress: Progress) -> Progress:
-    """Forget the best point of a solve, as is needed if later losses are not comparable to its own.
+    """Forget the best unknowns of a solve, for when later losses are not comparable to theirs.
 
-    Its loss becomes infinite, so that the next evaluated point is the best.
+    The best loss becomes infinite, so that the next point that the solver evaluates is the best.
     """
     infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)
@@ -214,10 +221,11 @@ def forget_best(progress: Progress) -> Progress:
 
 
 def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
-    """Wrap a solver so that it remembers the best point, and a residual to suit that solver.
+    """Wrap a solver so that it remembers the unknowns of least loss, and wrap its residual to suit.
 
-    The wrapped function returns `(out, (loss, aux))`, with the `aux` of the residual. For
-    least-squares solvers `out` is the residual; for the others it is the loss.
+    Returns the wrapped solver and function. The wrapped function returns `(out, (loss, aux))`, with
+    the `aux` of the residual. For least-squares solvers `out` is the residual; for other solvers it
+    is the loss.
     """
 
     def with_loss(y: Any, args: Any) -> tuple[Any, Any]:
@@ -234,7 +242,7 @@ def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
 
 
 def _loss(out: Any) -> Float[Array, ""]:
-    """Compute the loss from the `out` of a `Residual`: the scalar itself, or its sum of squares."""
+    """Compute the loss from `out` of a `Residual`: the scalar itself, or the sum of squares."""
     leaves = jax.tree.leaves(out)
     if len(leaves) == 1 and leaves[0].ndim == 0:
         return leaves[0]
@@ -246,14 +254,17 @@ def _loss(out: Any) -> Float[Array, ""]:
 
 @contextlib.contextmanager
 def default_promotion() -> Iterator[None]:
-    """Allow mixed dtypes and ranks, which solvers use and a caller may have forbidden."""
+    """In a `with` block, let JAX promote dtypes and ranks as it does by default.
+
+    Solvers mix dtypes and ranks, which the caller may have forbidden.
+    """
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
 
 
 @eqx.filter_jit
 def _begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Any:
-    """The initial state of a solver that remembers the best point."""
+    """The initial state of a solver that remembers the unknowns of least loss."""
     best, function = _keep_best(solver, residual)
     out, aux = eqx.filter_eval_shape(function, y, args)
     with default_promotion():
@@ -276,7 +287,7 @@ def _advance(
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
     """Take steps of one solve; return `(y, state, losses, (last, each))` after them.
 
-    `losses` and `each` have the length `max_steps`, and are 0 behind the steps that were taken.
+    `losses` and `each` have the length `max_steps`, and are 0 beyond the steps that were taken.
     """
     arrays, static = eqx.partition(state, eqx.is_array)
     y, arrays, losses, aux = _take_steps(
@@ -289,11 +300,12 @@ def _advance(
 def _advance_stacked(
     solver: Solver, residual: Residual, stacked: Any, static: Any, steps: Array, max_steps: int
 ) -> Any:
-    """Take steps of several solves; return what `_take_steps` does, along a leading axis of solves.
+    """Take steps of several solves; return what `_take_steps` does, with a leading axis of solves.
 
-    - `stacked`: unknowns, solver state and arguments, with the arrays of all solves along a leading
-      axis, and None in place of other leaves.
-    - `static`: the same tuple, with only these other leaves, which all solves share.
+    - `stacked`: unknowns, solver state and data. Their arrays have a leading axis of solves; other
+      leaves are None.
+    - `static`: the same tuple, with only the leaves that are not arrays, which all solves share.
+    - `steps`: number of steps; at most `max_steps`.
     """
     static_y, static_state, static_args = static
 
@@ -316,10 +328,11 @@ def _take_steps(
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
     """Take steps of one solve; return `(y, arrays, losses, (last, each))` after them.
 
-    - `arrays`, `static`: the arrays and the other leaves of the solver's state, as
-      `eqx.partition` gives them.
-    - `steps`: number of steps; only the first `steps` entries of `losses` and `each`, which have
-      the length `max_steps`, are set.
+    - `arrays`, `static`: the arrays and the other leaves of the solver's state, as `eqx.partition`
+      returns them.
+    - `args`: the second argument of `residual`, its data.
+    - `steps`: number of steps. Only the first `steps` entries of `losses` and `each`, which have
+      the length `max_steps`, are set; the others are 0.
     """
     best, function = _keep_best(solver, residual)
 

@@ -1,4 +1,7 @@
-"""The table of solvers, all of them for residuals whose Jacobian is too large to be assembled.
+"""The table of solvers, which are optimizers of optimistix, and how they are made.
+
+The least-squares solvers use the Jacobian of the residual only in products with vectors, because
+the Jacobian of an image is too large to be assembled.
 
 **Source:** Levenberg (1944) and Marquardt (1963) for the damping, Powell (1970) for the dogleg,
 Kingma and Ba, *Adam* (ICLR 2015); Fong and Saunders, *LSMR* (SIAM J. Sci. Comput. 33(5), 2011), for
@@ -29,7 +32,11 @@ _PRODUCTS = 20
 
 
 class ByProducts(optx.AbstractGaussNewton):
-    """A Gauss-Newton method that uses the Jacobian only in products with vectors."""
+    """A Gauss-Newton method that uses the Jacobian only in products with vectors.
+
+    `descent`: computes a step, by Levenberg-Marquardt or by dogleg. The tolerances are 0, because
+    the fit decides when to stop.
+    """
 
     rtol: float
     atol: float
@@ -60,13 +67,17 @@ def dogleg(products: int = _PRODUCTS) -> ByProducts:
 
 
 def _inner(products: int) -> lx.LSMR:
-    """Make the iterative solver of the linear least-squares problem in each step."""
+    """Make the iterative solver for the linear least-squares problem of each step.
+
+    `products`: the maximum number of its iterations. Each takes one product with the Jacobian, and
+    one with its transpose.
+    """
     # LSMR is safe in float32 where CG on the normal equations is not.
     return lx.LSMR(rtol=1e-6, atol=1e-6, max_steps=products)
 
 
 def _silent(**_: Any) -> None:
-    """Report nothing about a step."""
+    """Ignore what optimistix reports about a step."""
 
 
 def _adam(learning_rate: float) -> optx.OptaxMinimiser:
@@ -83,11 +94,11 @@ _FIXED = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
 class NamedSolver(NamedTuple):
     """A row of the table of solvers.
 
-    - `make`: makes the solver for a learning rate, which only first-order solvers use.
+    - `make`: function that makes the solver. Its argument is a learning rate, which only Adam uses.
     - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by
       `solve.set_learning_rate`. Such a solver must come from optax. Whatever its state remembers of
       earlier points must be arrays with one number per unknown, because a fit of layers reorders
-      them together with its triangles.
+      the entries of these arrays together with its triangles.
     """
 
     make: Callable[[float], Solver]
@@ -103,19 +114,22 @@ SOLVERS: dict[str, NamedSolver] = {
         lambda learning_rate: optx.LBFGS(rtol=0.0, atol=0.0), adjustable_rate=False
     ),
 }
-"""Solvers by the values of the option `solver`."""
+"""The solver for each name that the option `solver` accepts."""
 
 
 def is_rate_adjustable(solver: str | Solver) -> bool:
-    """Whether a fit may lower the solver's learning rate; False for a solver object."""
+    """Whether a fit may lower the solver's learning rate between chunks of steps.
+
+    `solver` is a name from `SOLVERS`, or a solver object. For an object the answer is False.
+    """
     return isinstance(solver, str) and SOLVERS[solver].adjustable_rate
 
 
 def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
-    """Return the solver of a name, or the given solver object.
+    """Return the solver with a given name, or the given solver object itself.
 
     `learning_rate`: the first learning rate of Adam; no other solver uses it. Raises `ValueError`
-    for anything but a name from `SOLVERS` or a solver of optimistix.
+    for anything but a name from `SOLVERS` or a solver object of optimistix.
     """
     if isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
         return solver
@@ -130,4 +144,5 @@ def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
 @functools.cache
 def _by_name(solver: str, learning_rate: float) -> Solver:
     # Cached, because optax makes new functions at each call, and each would be compiled anew.
+    """Make the solver that a name from `SOLVERS` stands for, once for each set of arguments."""
     return SOLVERS[solver].make(learning_rate)

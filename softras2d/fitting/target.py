@@ -8,17 +8,17 @@ from jaxtyping import Float
 from ..color import premultiply
 
 Image = Float[np.ndarray, "height width channels"]
-"""An image on the host, `[height, width, 3 or 4]`, with values in 0..1."""
+"""An image as a NumPy array, `[height, width, 3 or 4]`, with values in 0..1."""
 
 PixelMap = Float[np.ndarray, "height width"]
-"""One number for each pixel, on the host."""
+"""One number for each pixel of an image, in a NumPy array."""
 
 
 class Target(NamedTuple):
-    """An image, and how much the error of each of its pixels counts.
+    """The image that a fit approximates, and how much the error of each of its pixels counts.
 
-    - `image`: values 0..1 with straight alpha, as `io.read_image` gives them, unless a function
-      asks for premultiplied values.
+    - `image`: values in 0..1 with straight alpha, as `io.read_image` returns them, unless a
+      function asks for premultiplied values.
     - `weights`: factors, 0 or more, for the squared or absolute error of each pixel. Their mean is
       1 over the image at its original size. None: all are 1.
     """

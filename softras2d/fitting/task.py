@@ -1,4 +1,4 @@
-"""One fit, from its target and settings to its result."""
+"""The class `Task`: one fit of one target, from the settings to the result."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -20,27 +20,32 @@ from .state import restore_state, save_state
 from .target import Target
 
 Callback = Callable[[Scene, ProgressReport], Scene | None]
-"""A user's function that is called after each chunk of steps.
+"""The type of the argument `callback` of `fit`, a function that is called after each chunk of
+steps.
 
-Its arguments are the current scene, in pixels of the target, and a report. It returns the scene to
-go on from, or None to change nothing."""
+Its arguments are the current scene, in pixels of the target, and a progress report. It returns the
+scene from which the fit continues, or None to change nothing."""
 
 
 class Task:
-    """A fit of one target, with its history and a scorer for its result.
+    """A fit of one target, with the history of the fit and a scorer for its result.
 
     - `target`: the image and its weights, at the size of the image.
-    - `settings`: the arguments of `fit`, checked and completed (see `choices`).
-    - `frame`: the size of the fit.
-    - `fit`: the fit of the family that the settings name, at the size of `frame`.
-    - `history`: one record for each chunk, including the chunks of the fit that is resumed.
-    - `steps_before`, `seconds_before`: steps and seconds of the fit that is resumed; 0 if there is
-      none.
-    - `max_steps`: the largest number of steps of a chunk.
-    - `scorer`: draws and scores scenes at the size of the target.
+    - `settings`: the arguments of `fit`, checked and completed by `choices`.
+    - `frame`: the size of the fit, in pixels.
+    - `fit`: the state of the fit, an `AbstractFit` of the family that the settings name.
+    - `history`: one record for each chunk of steps, including the chunks of the fit that is
+      resumed.
+    - `steps_before`, `seconds_before`: steps and seconds that the resumed fit has taken; 0 for a
+      new fit.
+    - `max_steps`: the largest number of steps of one chunk.
+    - `scorer`: draws scenes at the size of the target, and scores them.
 
-    For the arguments `resume`, `must_start` and `masks` of the constructor, see
-    `prepare.make_fit`.
+    The constructor takes these arguments besides `target` and `settings`:
+
+    - `resume`: the result of the fit that is resumed, or None for a new fit.
+    - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
     """
 
     def __init__(
@@ -65,14 +70,18 @@ class Task:
 
     @property
     def polishes(self) -> bool:
-        """Whether colours are solved for in closed form at the end."""
+        """Whether the colours are solved for in closed form at the end, at the size of the fit.
+
+        This is so if the option `colors` is `"solve"` or `"polish"`.
+        """
         return self.settings["colors"] != "together"
 
     @property
     def polishes_at_full_size(self) -> bool:
-        """Whether colours are solved for, at the end, at the size of a target larger than the fit.
+        """Whether the colours are solved for, at the end, over the pixels of the target itself.
 
-        This is so for meshes with squared error of sRGB values, and without anything frozen.
+        This is so for meshes whose target is larger than the fit, if the loss is the squared error
+        of sRGB values and nothing is frozen.
         """
         settings = self.settings
         is_squared = settings["loss"] == "squared" and settings["light"] == "display"
@@ -81,9 +90,9 @@ class Task:
         return settings["family"] == "mesh" and is_squared and is_shrunk and is_free
 
     def polish(self, *, at_full_size: bool = True) -> None:
-        """Solve for colours at the end of the fit, if the settings ask for it.
+        """Solve for colours at the end, as `polishes` and `polishes_at_full_size` say.
 
-        `at_full_size`: also do so at the size of the target, where `polishes_at_full_size` is true.
+        `at_full_size`: False leaves out the solution at the size of the target.
         """
         if self.polishes:
             self.fit.polish()
@@ -91,12 +100,15 @@ class Task:
             self.fit.polish_at_full_size(self.target)
 
     def warm_up(self, timed: bool) -> Callable[[], float]:
-        """Make a function that compiles the programs which make the result of the fit.
+        """Make a function that compiles the programs for the end of the fit, and times them.
 
-        The function returns the seconds that these programs take once they are compiled, and those
-        estimated for `polish_at_full_size`. It may be called in another thread while the fit goes
-        on, because it uses only the scene and the unknowns at the time of this call. `timed`: also
-        compile and time the colours that `polish` solves for at the size of the fit.
+        The returned function compiles and runs these programs, and returns the seconds that the end
+        of the fit will take: the measured time of scoring and, if `timed`, of the colours that
+        `polish` solves for at the size of the fit, and the estimated time of `polish_at_full_size`.
+        It may be called in another thread while the fit continues, because it uses only the scene
+        and the unknowns at the time of this call.
+
+        `timed`: whether to compile and measure the colours, too.
         """
         fit = self.fit
         likely = self.frame.enlarge(fit.likely_scene())
@@ -115,10 +127,11 @@ class Task:
         return compile_and_time
 
     def call_back(self, callback: Callback, report: ProgressReport) -> None:
-        """Call a user's function with the current scene, and go on from the scene that it returns.
+        """Call a user's function with the current scene; continue from the scene that it returns.
 
-        Nothing changes if it returns None. Raises `ValueError` if it returns anything but None or a
-        scene with the same triangles.
+        The function gets the scene in pixels of the target, and `report`. If it returns None,
+        nothing changes. Raises `ValueError` if it returns anything else than None or a scene with
+        the same triangles, arrays of the same shapes, and finite numbers.
         """
         scene = self.frame.enlarge(self.fit.current_scene())
         changed = callback(scene, report)
@@ -138,7 +151,7 @@ class Task:
         self.fit.go_on_from(self.frame.shrink(changed))
 
     def result(self, interrupted: bool) -> FitResult:
-        """Make the result from the best scene so far, scored at the size of the target.
+        """Make the result from the scene of least loss so far, scored at the size of the target.
 
         `interrupted`: whether Ctrl-C ended the fit.
         """
@@ -149,8 +162,9 @@ class Task:
     def unscored_result(self) -> FitResult:
         """Make the result of an interrupted fit at once, without drawing its scene.
 
-        Its image is the image of the last step, enlarged to the size of the target by repeating
-        pixels. Its scores are measured at the size of the fit.
+        The image of the result is the image of the last step, enlarged to the size of the target by
+        repeating pixels. Its scores are those of the image of the last step, at the size of the
+        fit.
         """
         height, width = self.target.image.shape[:2]
         rows = np.arange(height) * self.frame.height // height
@@ -159,7 +173,11 @@ class Task:
         return self._result(Score(image, *measure(self.fit)), True)
 
     def _result(self, score: Score, interrupted: bool) -> FitResult:
-        """Make the result from the best scene so far and its given score."""
+        """Make the result from the scene of least loss so far and its score.
+
+        - `score`: the image of that scene, with its PSNR and SSIM.
+        - `interrupted`: whether Ctrl-C ended the fit.
+        """
         scene = self._with_exact_positions(self.frame.enlarge(self.fit.scene()))
         state = save_state(self.fit, self.history[-1].steps if self.history else 0)
         if self.target.weights is not None:
@@ -170,11 +188,11 @@ class Task:
         return FitResult(scene, *score, tuple(self.history), settings, interrupted, state)
 
     def _with_exact_positions(self, scene: Scene) -> Scene:
-        """Put frozen triangles of layers exactly where they were before the fit.
+        """Restore the exact positions of the frozen triangles of layers, without rounding errors.
 
-        That is where they are in the scene to start from, or in the result that is resumed. `scene`
-        is in pixels of the target. It is returned unchanged if no triangles of layers are frozen,
-        or if the fit did not start from a scene.
+        The positions are those in the scene from which the fit started, or in the result that it
+        resumes. `scene` is in pixels of the target. It is returned unchanged if no triangles of
+        layers are frozen, or if the fit did not start from a scene.
         """
         request, earlier = self.fit.request, self._earlier
         is_given = self.settings["family"] == "layers" and request.starts_from_object

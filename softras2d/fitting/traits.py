@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 
 class FamilyTraits(NamedTuple):
-    """A row of the table of traits.
+    """The option values that one fit family accepts, a row of `TRAITS`.
 
-    - `shadings`, `default_shading`: values of the option `shading`.
-    - `default_size`: pixels along the longer side of the fit if the option `size` is not given; a
-      target with fewer is fitted at its size.
+    - `shadings`, `default_shading`: the values of the option `shading`, and its default.
+    - `default_size`: pixels along the longer side of the fit, if the option `size` is not given. A
+      smaller target is fitted at its own size.
     - `min_triangles`: the smallest value of the option `triangles`.
     - `translucent`: whether the option `translucent` may be true.
     """
@@ -39,4 +39,4 @@ TRAITS: dict[str, FamilyTraits] = {
         translucent=False,
     ),
 }
-"""The traits of each family, by the values of the option `family`."""
+"""The traits of each family, by the name that the option `family` accepts."""

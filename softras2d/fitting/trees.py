@@ -1,4 +1,4 @@
-"""Convert pytrees to arrays by name, and back."""
+"""Convert a pytree to a dictionary of named arrays, to save it, and back."""
 
 from typing import Any
 
@@ -10,19 +10,20 @@ from ..numerics.device import to_device
 
 
 def tree_arrays(name: str, tree: Any) -> dict[str, np.ndarray]:
-    """Name the arrays of a pytree `name.0`, `name.1`, ..., in the order of `jax.tree.leaves`.
+    """Return the arrays of a pytree by the names `name.0`, `name.1`, ..., in the leaves' order.
 
-    Leaves that are not arrays are left out, and are not counted.
+    Leaves that are not arrays are left out, and are not counted. The order is that of
+    `jax.tree.leaves`.
     """
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_array(leaf)]
     return {f"{name}.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
 
 
 def fill_tree(tree: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Copy a pytree, with its arrays replaced by the arrays that `tree_arrays` named `name.0`, ....
+    """Copy a pytree, with its arrays replaced by the arrays `name.0`, `name.1`, ... from `arrays`.
 
-    Raises `ValueError` for an array that is missing, or whose shape or type differs from the array
-    in `tree`.
+    `arrays`: saved arrays, as `tree_arrays` names them. Raises `ValueError` for an array that is
+    missing, or whose shape or type differs from the array in `tree`.
     """
     leaves, structure = jax.tree.flatten(tree)
     array_indices = [index for index, leaf in enumerate(leaves) if eqx.is_array(leaf)]

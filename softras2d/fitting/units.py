@@ -5,15 +5,15 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 POSITION_UNIT = 20.0
-"""Pixels of the fit per unit of a position that a solver changes.
+"""Pixels of the fit per unit of a position among the unknowns.
 
-Solvers work best when all unknowns change the image about equally: with this unit a step of 0.05
-moves a vertex by one pixel, which changes the image about as much as 0.05 of colour does.
+Solvers work best when all unknowns change the image about equally. With this unit, a change of 0.05
+moves a vertex by one pixel, which changes the image about as much as a change of a colour by 0.05.
 """
 
 
 def clip_straight_through(values: Array) -> Array:
-    """Clip values to 0..1, with a derivative of 1 everywhere.
+    """Clip values to 0..1, but with a derivative of 1 everywhere, also outside 0..1.
 
     The gradient of an unknown outside 0..1 can therefore bring it back.
     """
