@@ -16,26 +16,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 MAX_BYTES = 2**30
-"""Largest size of all arrays together, unpacked. Larger files are neither read nor written."""
+"""Largest number of bytes of all arrays of a file together, after unpacking.
+
+Larger files are neither read nor written."""
 
 _MAX_ENTRIES = 1000
-"""Largest number of arrays in a file that is read."""
+"""Largest number of arrays in a file; files with more are not read."""
 
 _HEADER_PATTERN = re.compile(
     rb"\{'descr': '([^']{2,20})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,10}(?:, \d{1,10}){0,7},?)?)\), \} *\n"
 )
-"""The header of an array of numbers or booleans, exactly as NumPy writes it.
+"""Regular expression for the header of an array of numbers or booleans, exactly as NumPy writes it.
 
-Its groups are the type, the order of the axes, and the lengths of the axes."""
+Its groups are the type, whether the order of the axes is Fortran's, and the lengths of the axes."""
 
 _MAGIC = b"\x93NUMPY\x01\x00"
 """The first bytes of an array in version 1.0 of NumPy's format."""
 
 
 class _Header(NamedTuple):
-    """The header of an array.
+    """The header of an array in NumPy's file format.
 
+    - `dtype`, `shape`: type and shape of the array.
     - `is_column_major`: whether the first axis varies fastest in the data.
     - `length`: number of bytes of the header, after which the data begins.
     """
@@ -47,9 +50,10 @@ class _Header(NamedTuple):
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read all arrays of a file, by name; they hold numbers or booleans.
+    """Read all arrays of an `.npz` file, by name; they contain numbers or booleans.
 
-    Raises `ValueError`: one line that names the file and, if one is at fault, the entry.
+    Raises `ValueError`, with a message of one line, if the file cannot be read, is damaged or too
+    large, or has an entry that is not such an array. The message names the file and the entry.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -77,18 +81,22 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _begins_with(path: Path, mark: bytes) -> bool:
-    """Whether the first bytes of a file are `mark`."""
+    """Whether the first bytes of a file are equal to `mark`."""
     with path.open("rb") as file:
         return file.read(len(mark)) == mark
 
 
 def _array_name(entry: zipfile.ZipInfo) -> str:
-    """The name of the array that an entry of the zip file holds."""
+    """The name of the array in an entry of the zip file."""
     return entry.filename.removesuffix(".npy")
 
 
 def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
-    """Raise `ValueError` unless the zip directory lists distinct arrays of an acceptable size."""
+    """Raise `ValueError` unless the entries of a zip file may be read.
+
+    There must be at most `_MAX_ENTRIES` of them, with distinct names that end in `.npy`, and at
+    most `MAX_BYTES` in all after unpacking. They must not be encrypted, and be stored or deflated.
+    """
     if len(entries) > _MAX_ENTRIES:
         raise ValueError(f"holds {len(entries)} entries; {_MAX_ENTRIES} at most are read.")
     total = sum(entry.file_size for entry in entries)
@@ -136,10 +144,10 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _read_header(name: str, file: Any) -> _Header:
-    """Read the header of an array from `file`, the entry opened for reading bytes.
+    """Read the header of an array from `file`, an entry of the zip file, open for reading bytes.
 
-    Raises `ValueError` for anything but an array of numbers or booleans. `name` is the name of the
-    array in the message.
+    `name`: name of the array, for the message. Raises `ValueError` for anything but an array of
+    numbers or booleans.
     """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")
@@ -159,5 +167,5 @@ def _read_header(name: str, file: Any) -> _Header:
 
 
 def _printable(text: str) -> str:
-    """Cut a text from a file to 80 characters, and replace unprintable ones by question marks."""
+    """Cut a text to 80 characters, and replace unprintable characters by question marks."""
     return "".join(c if c.isprintable() else "?" for c in text[:80])

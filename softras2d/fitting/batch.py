@@ -109,7 +109,8 @@ def _check_earlier(
 ) -> list[FitResult | None]:
     """Return the result that each of `count` fits resumes; a list of None if `resume` is None.
 
-    Raises `ValueError` for results that fits of images such as `image` cannot resume.
+    Raises `ValueError` unless `resume` has `count` results of fits without masks, each of which can
+    be resumed with a target of the size of `image`.
     """
     earlier = _for_each("resume", resume, count)
     if resume is not None:
@@ -120,10 +121,10 @@ def _check_earlier(
 
 
 def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[FitResult]:
-    """Solve for the colours of all fits, unless Ctrl-C was pressed, and make their results.
+    """Make the result of each fit, after solving for its colours if the settings ask for that.
 
-    - `interrupted`: whether Ctrl-C ended the steps.
-    - `interrupt`: tells whether Ctrl-C is pressed after that.
+    - `interrupted`: whether Ctrl-C ended the steps. Then colours are not solved for.
+    - `interrupt`: tells whether Ctrl-C is pressed later. From then on, colours are not solved for.
     """
     results = []
     for task in tasks:
@@ -136,7 +137,7 @@ def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[
 
 
 def _refuse_masks(groups: Iterable[str]) -> None:
-    """Raise `ValueError` if any of these names in the option `freeze` goes with a mask."""
+    """Raise `ValueError` if one of `groups`, names in the option `freeze`, needs a mask."""
     if any(group in steering.MASKED for group in groups):
         raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
 
@@ -144,8 +145,8 @@ def _refuse_masks(groups: Iterable[str]) -> None:
 def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
     """Convert the targets to RGB or RGBA in 0..1; raise `ValueError` unless they have one shape.
 
-    The shape includes the number of channels. Also raises `ValueError` for a target that is no
-    image.
+    The shape includes the number of channels. `ValueError` is also raised for a target that is not
+    an image.
 
     `transparent`: keep alpha, and add an alpha of 1 to each target without alpha. Otherwise alpha
     is dropped if it is 1 everywhere in all targets.
@@ -164,14 +165,15 @@ def _settings(
     steps: Any,
     seconds: Any,
 ) -> list[dict[str, Any]]:
-    """Make the settings of each fit; raise `ValueError` if they are invalid.
+    """Make the settings of each fit of a batch; raise `ValueError` if they are invalid.
 
-    The fits must have the same settings but for seeds and starts, because they share programs.
+    The settings of all fits must be equal except for `seed` and `start`, because the fits share
+    compiled programs.
 
-    - `given`: the settings from the arguments, other than `start`.
+    - `given`: the settings that the user gave, other than `start`.
     - `starts`: the start of each fit.
-    - `earlier`: the result that each fit resumes, or None.
-    - `steps`, `seconds`: the limits, as in `fit`; they are checked only.
+    - `earlier`: for each fit, the result that it resumes, or None.
+    - `steps`, `seconds`: the limits, as in `fit`, which are only checked.
     """
     common = choices.normalize(given | {"start": None})
     choices.check(common, steps, seconds)
@@ -199,8 +201,11 @@ def _settings(
 def _for_each(name: str, value: Any, count: int) -> list[Any]:
     """Make a list with one value for each of `count` targets.
 
-    `value` is a sequence of them, or one value for all: None, a name, a scene or a mesh. Raises
-    `ValueError` for a sequence of another length; `name` is the argument in its message.
+    - `name`: the argument's name, for the message of an error.
+    - `value`: a sequence with one value for each target; or one value for all targets, which is
+      None, a name, a scene or a mesh.
+
+    Raises `ValueError` for a sequence of another length.
     """
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
@@ -214,8 +219,11 @@ def _for_each(name: str, value: Any, count: int) -> list[Any]:
 def _weight_maps(weights: Any, earlier: list[FitResult | None]) -> list[Any]:
     """Return the weights of the pixels of each target, as the user gave them, or None.
 
-    A resumed fit has the weights of the earlier fit. For the others the argument `weights` is one
-    map for all targets, or one map for each.
+    - `weights`: the argument of `fit_batch`, one map for all targets or one map for each. It is
+      used for new fits only.
+    - `earlier`: for each fit, the result that it resumes, which has its weights; or None.
+
+    Raises `ValueError` if only some of the targets have weights.
     """
     count = len(earlier)
     is_list = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1
@@ -239,9 +247,12 @@ def _run(
     stop: Callable[[], bool],
     devices: Devices | None,
 ) -> bool:
-    """Run the chunks of all fits until their limits; return whether Ctrl-C ended them before.
+    """Run the chunks of all fits until their limits; return whether Ctrl-C ended the fits early.
 
-    `stop()`: returns whether Ctrl-C was pressed.
+    - `limits`: the limit of the call, in steps or seconds.
+    - `report`: function that gets the last record of each fit after each chunk, or None.
+    - `stop()`: returns whether Ctrl-C was pressed.
+    - `devices`: as in `fit_batch`.
     """
 
     def report_records(share: float, seconds_left: float) -> None:

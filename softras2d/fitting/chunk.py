@@ -1,4 +1,4 @@
-"""Take a chunk of steps of one or several fits, with a plan that is enlarged where needed."""
+"""Take a chunk of steps of one or several fits, and enlarge their plan if it is too small."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,9 @@ from .family import AbstractFit
 from .solve import advance, advance_each, move
 
 _MAX_ATTEMPTS = 12
-"""Attempts to find a plan that is large enough. If all fail, the package has a bug."""
+"""Largest number of attempts to make a plan that is large enough for a chunk of steps.
+
+If all attempts fail, the package has a bug."""
 
 
 def advance_fits(
@@ -24,14 +26,16 @@ def advance_fits(
     """Take a chunk of `steps` steps of each fit; return, for each fit, the loss of each step taken.
 
     This updates the `progress` and the `image` of each fit. Several fits must have the same shapes,
-    solver and settings, so that one program serves them all. With `devices`, each device takes an
-    equal share of the fits. Chunks of equal `max_steps`, an upper bound on `steps`, share a
-    program.
+    solver and settings, so that one compiled program serves them all.
 
-    If the scene of any fit outgrows its plan, the chunk is taken again, from where it began, with a
-    larger plan and half as many steps. So fewer steps than `steps` may be taken. The larger plan
-    has capacity for the unknowns where the chunk begins and where each failed attempt ended, and
-    shorter attempts stay closer to these.
+    - `max_steps`: an upper bound on `steps`. Chunks with equal `max_steps` share a program.
+    - `devices`: as in `solve.advance_each`.
+
+    If the scene of any fit needs more capacity than its plan has, the chunk is taken again from its
+    beginning, with a larger plan and half as many steps, so that fewer than `steps` steps may be
+    taken. The larger plan has capacity for the unknowns at the beginning of the chunk and for those
+    at the end of each failed attempt. Shorter attempts stay closer to these unknowns, so that this
+    succeeds.
     """
     for fit in fits:
         _update_colors(fit)
@@ -64,7 +68,7 @@ def advance_fits(
 
 
 def _update_colors(fit: AbstractFit) -> None:
-    """Solve for the colours of least squared error, if the option `colors` is `"solve"`."""
+    """Solve for a fit's colours of least squared error, if the option `colors` is `"solve"`."""
     if fit.request.solves_colors:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.request.loss.light)
         fit.progress = move(fit.request.solver, fit.residual, fit.progress, y, fit.data)

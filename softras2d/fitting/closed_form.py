@@ -1,9 +1,9 @@
 """Colours of least squared error for fixed geometry, by linear least squares.
 
 The sRGB values of an image are affine in the colours of its triangles, so one linear solve is
-exact. If the loss is computed in linear light, its residual is not affine in the colours, and takes
-a few Gauss-Newton steps. This works for any scene and coverage: the solver uses only products with
-the Jacobian and its transpose. The Jacobian is never assembled.
+exact. If the loss is computed in linear light, its residual is not affine in the colours, and a few
+Gauss-Newton steps are taken instead. The method works for any scene and coverage, because the
+solver uses only products with the Jacobian and with its transpose, which is never assembled.
 """
 
 import time
@@ -19,25 +19,28 @@ from ..names import LossSpace
 from .solve import Residual, default_promotion
 
 _PRODUCTS = 24
-"""Maximum number of products with the Jacobian in one solve, and of products with its transpose.
-Images whose pixels mix the colours of many triangles need that many."""
+"""Maximum number of products with the Jacobian in one linear solve, and of products with its
+transpose.
+
+Images whose pixels mix the colours of many triangles need so many."""
 
 _STEPS: dict[LossSpace, int] = {"display": 1, "linear": 4}
 """Number of Gauss-Newton steps for each colour space in which the loss may be computed.
 
-A few suffice for linear light, because the sRGB transfer function bends little."""
+A few suffice for linear light, because the sRGB transfer function is only slightly curved."""
 
 
 @eqx.filter_jit
 def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> Any:
-    """Replace the `colors` of the unknowns `y` by the colours of least squared error.
+    """Replace the field `colors` of the unknowns `y` by the colours of least squared error.
 
-    - `fn`, `args`: the residual of squared error, and its second argument. If `fn` returns a tuple
-      of residuals, only the first, the residual of the image, counts.
+    - `fn`: the residual of squared error (see `solve.Residual`). If its `out` is a tuple, only the
+      first entry, the residual of the image, is used.
+    - `args`: the second argument of `fn`, its data.
     - `light`: the colour space in which `fn` computes the loss.
 
-    Returns `y` with other colours, clipped to 0..1. A Gauss-Newton step that does not lower the sum
-    of squares after clipping is not taken, so the colours may be the given ones, clipped.
+    The colours are clipped to 0..1. A Gauss-Newton step that does not lower the sum of squares
+    after clipping is not taken, so that the result may have the given colours, clipped.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -61,7 +64,7 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
 
 
 def time_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> float:
-    """Compile `best_colors` for these arguments, and return the seconds that it then takes."""
+    """Compile `best_colors` for these arguments; return the seconds that it then takes."""
     jax.block_until_ready(best_colors(fn, y, args, light))
     began = time.perf_counter()
     jax.block_until_ready(best_colors(fn, y, args, light))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 TINY = float(np.finfo(np.float32).tiny)
-"""The smallest normal float32, which is the lower bound for entries that must be positive."""
+"""The smallest normal float32, a lower bound for saved numbers that must be positive."""
 
 
 class Size(NamedTuple):
@@ -18,10 +18,13 @@ class Size(NamedTuple):
 
 
 class Entries:
-    """Arrays of a saved fit by name, each of which is checked and taken once.
+    """The arrays of a saved fit, by name, each of which is checked and removed once.
 
-    At the end, `end` refuses the arrays that nothing has taken, because no fit has them.
-    `prefix`: text before the names in error messages.
+    After all arrays have been taken, `end` raises an error if others are left, because no fit has
+    them.
+
+    - `arrays`: the arrays by name.
+    - `prefix`: text before the names in error messages, such as `"state."`.
     """
 
     def __init__(self, arrays: dict[str, Any], prefix: str = ""):
@@ -32,21 +35,22 @@ class Entries:
         return name in self._remaining
 
     def full_name(self, name: str) -> str:
-        """The name of an entry in error messages."""
+        """The name of an array with its prefix, for error messages."""
         return f"{self._prefix}{name}"
 
     def length(self, name: str) -> int | None:
-        """Length of an entry's first axis; None if the entry is missing or has no axis.
+        """Length of the first axis of an array; None if the array is missing or has no axis.
 
-        The entry is not taken.
+        The array is not removed.
         """
         shape = np.shape(self._remaining.get(name, ()))
         return shape[0] if shape else None
 
     def take(self, name: str, dtype: Any, shape: tuple[int | str, ...]) -> np.ndarray:
-        """Take an array; raise `ValueError` if it is missing or has another type or shape.
+        """Remove and return an array, after a check of its type and shape.
 
-        A word in `shape` stands for any length, and is the name of that axis in the error.
+        Raises `ValueError` if the array is missing or has another type or shape. A string in
+        `shape` stands for any length, and is the name of that axis in the message.
         """
         sizes = ", ".join(map(str, shape))
         requirement = f"`{self.full_name(name)}` must be {np.dtype(dtype)} [{sizes}]"
@@ -69,9 +73,10 @@ class Entries:
         low: float = -np.inf,
         high: float = np.inf,
     ) -> np.ndarray:
-        """Take an array as `take` does, and raise `ValueError` unless its numbers are finite.
+        """Remove and return an array; raise `ValueError` unless all of its numbers are finite.
 
-        They must also lie in `low`..`high`, both included.
+        `ValueError` is also raised for a number outside `low`..`high`, whose ends are included, and
+        as `take` does for the type and the shape.
         """
         array = self.take(name, dtype, shape)
         if not (np.isfinite(array) & (array >= low) & (array <= high)).all():
@@ -80,18 +85,21 @@ class Entries:
         return array
 
     def drop(self, name: str) -> None:
-        """Accept an array without a check, because it is checked elsewhere."""
+        """Remove an array without a check, because it is checked elsewhere."""
         self._remaining.pop(name)
 
     def end(self) -> None:
-        """Raise `ValueError` if an array has not been taken."""
+        """Raise `ValueError` if there is an array that has not been removed."""
         for name in self._remaining:
             shown = "".join(c if c.isprintable() else "?" for c in name[:80])
             raise ValueError(f"`{self.full_name(shown)}` is no entry of a fit.")
 
 
 def read_json(name: str, data: np.ndarray) -> dict[str, Any]:
-    """Read the JSON object in the bytes of an entry; `ValueError` names the entry."""
+    """Parse the bytes of a saved array, which must be a JSON object.
+
+    `name`: name of the array for the `ValueError` that is raised if it is anything else.
+    """
     try:
         value = json.loads(data.tobytes().decode())
     except (ValueError, RecursionError):

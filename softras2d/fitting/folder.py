@@ -1,12 +1,12 @@
-"""Fit all pictures of a folder: group them in batches, and write the files of each picture.
+"""Fit all pictures of a folder: group the pictures in batches, and write the files of each picture.
 
 Pictures have many sizes, and a program is compiled for each size of fit. So every picture is shrunk
 to a size class first: its longer side is a power of two (or the size of the fit), and its shorter
 side a multiple of a sixteenth of that. The fitted scene is stretched back to the picture's size.
 
-Pictures of one class are fitted in batches of a fixed number. Which pictures share a batch depends
-on the folder alone. It does not depend on which pictures are fitted already, or on how many
-processes share the work, and neither do the results.
+Pictures of one size class are fitted in batches of a fixed number. Which pictures share a batch
+depends on the folder alone. It does not depend on which pictures are fitted already, or on how many
+processes share the work. Neither do the results depend on that, if the limit is a number of steps.
 """
 
 import json
@@ -29,7 +29,7 @@ from .result import FitResult
 from .target import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp", ".gif")
-"""Suffixes, in lower case, of the files of a folder that are taken for pictures."""
+"""Suffixes, in lower case, of the files in a folder that count as pictures."""
 
 _SHARES = 16
 """Number of aspect ratios of size classes: the shorter side is 1/16, 2/16, ... or 16/16 of the
@@ -37,17 +37,18 @@ longer side."""
 
 
 class SizeClass(NamedTuple):
-    """A size in pixels, shared by pictures of about the same shape, which are shrunk to it."""
+    """A size of fit, in pixels, to which pictures of about the same aspect ratio are shrunk."""
 
     height: int
     width: int
 
 
 class Batch(NamedTuple):
-    """Pictures that are fitted together.
+    """Pictures that are fitted together, by one call of `fit_batch`.
 
     - `number`: index of the batch, in an order that depends on the folder alone.
     - `size`: the size in pixels to which its pictures are shrunk.
+    - `pictures`: the files of the pictures.
     - `first_seed`: index of its first picture among the pictures of all batches. The seed of a
       picture's fit is the seed of the command plus the index of the picture.
     """
@@ -59,7 +60,11 @@ class Batch(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A picture whose files are written, with its PSNR (dB) and SSIM at the size of the fit."""
+    """A picture whose files are written, and its scores at the size of the fit.
+
+    - `psnr`: in dB.
+    - `ssim`: structural similarity, in -1..1.
+    """
 
     picture: Path
     psnr: float
@@ -67,12 +72,12 @@ class Fitted(NamedTuple):
 
 
 def size_class(height: int, width: int, size: int) -> SizeClass:
-    """The largest size class that is not larger than the picture.
+    """Choose the largest size class in which neither side is longer than in the picture.
 
     - `height`, `width`: size of the picture in pixels.
-    - `size`: largest number of pixels along the longer side of the class.
-
-    The sides of a class are rounded down, to 1 pixel at least.
+    - `size`: largest number of pixels along the longer side of the class. The longer side is
+      `size`, or a smaller power of two. The shorter side is a multiple of a sixteenth of it,
+      rounded down, and at least 1 pixel.
     """
     longer, shorter = max(height, width), min(height, width)
     side = size
@@ -85,10 +90,10 @@ def size_class(height: int, width: int, size: int) -> SizeClass:
 
 
 def find_pictures(folder: Path) -> list[Path]:
-    """The picture files of a folder, sorted by name.
+    """List the picture files of a folder, sorted by name.
 
-    Raises `ValueError` if there is none, and if two names differ in the suffix alone, since the
-    results of both would have the same file names.
+    Raises `ValueError` if the folder does not exist or has no picture, and if the names of two
+    pictures differ in the suffix alone, since the results of both would have the same file names.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder.")
@@ -106,10 +111,11 @@ def find_pictures(folder: Path) -> list[Path]:
 def make_batches(
     pictures: Sequence[Path], size: int, count: int, fail: Callable[[str], None]
 ) -> list[Batch]:
-    """Group pictures by size class, and divide each group into batches of at most `count`.
+    """Group pictures by size class, and divide each group into batches of at most `count` pictures.
 
     - `size`: largest number of pixels along the longer side of a fit.
-    - `fail(line)`: called with a message of one line for each picture that cannot be read.
+    - `fail(line)`: called with a message of one line for each picture that cannot be read. Such a
+      picture is in no batch.
     """
     groups: defaultdict[SizeClass, list[Path]] = defaultdict(list)
     for picture in pictures:
@@ -137,19 +143,21 @@ def fit_pictures(
     devices: Devices | None = None,
     **settings: Any,
 ) -> Iterator[Fitted]:
-    """Fit the pictures of a batch, and write the results that `folder` does not hold yet.
+    """Fit the pictures of a batch, and write the results that do not exist in `folder` yet.
 
+    - `folder`: folder of the results. The files of NAME.jpg are NAME.svg and then NAME.json.
     - `count`: number of fits in every batch. A batch with fewer pictures is filled up with copies
       of its first readable picture, so that all batches of a size class share a program.
     - `seed`: the seed of the command; see `Batch.first_seed`.
     - `fail(line)`: called with a message of one line for each picture that cannot be read.
-    - `compiles_first`: whether programs are compiled before, by a fit of one step, so that a limit
-      of `seconds` counts fitting alone.
+    - `compiles_first`: whether programs are compiled before the fit, by a fit of one step, so that
+      a limit of `seconds` counts fitting alone.
+    - `devices`: as in `fit_batch`.
     - `settings`: other arguments of `fit_batch`.
 
-    The files of NAME.jpg are NAME.svg and then NAME.json. Yields each picture as soon as both of
-    its files are written. A picture that had both before is not written or yielded. Raises
-    `KeyboardInterrupt` after Ctrl-C, without writing.
+    Yields the scores of each picture as soon as both of its files are written. A picture that had
+    both files before is not yielded, and its files are not written. Raises `KeyboardInterrupt`
+    after Ctrl-C, without writing.
     """
     wanted = [picture for picture in batch.pictures if not is_done(picture, folder)]
     if not wanted:
@@ -180,14 +188,14 @@ def fit_pictures(
 
 
 def is_done(picture: Path, folder: Path) -> bool:
-    """Whether `folder` holds both files of a fitted picture, NAME.svg and NAME.json."""
+    """Whether `folder` has both files of a fitted picture, NAME.svg and NAME.json."""
     return all((folder / f"{picture.stem}{suffix}").is_file() for suffix in (".svg", ".json"))
 
 
 def read_scores(picture: Path, folder: Path) -> Fitted:
-    """Read the scores of a picture that was fitted before, from its report NAME.json.
+    """Read the scores of a picture that was fitted before, from its report NAME.json in `folder`.
 
-    Raises `ValueError` if the file is no such report.
+    Raises `ValueError` if the file is not such a report.
     """
     path = folder / f"{picture.stem}.json"
     try:
@@ -200,7 +208,7 @@ def read_scores(picture: Path, folder: Path) -> Fitted:
 def shrunken(
     image: Float[np.ndarray, "rows columns channels"], size: SizeClass
 ) -> Float[np.ndarray, "height width 3"]:
-    """Composite a picture over white, and shrink it to its size class."""
+    """Composite a picture over white if it has alpha, and shrink it to its size class."""
     if image.shape[-1] == 4:
         alpha = image[..., 3:]
         image = image[..., :3] * alpha + (1 - alpha)
@@ -208,10 +216,12 @@ def shrunken(
 
 
 def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
-    """Write NAME.svg and NAME.json to `folder`.
+    """Write the files NAME.svg and NAME.json of a fitted picture to `folder`.
 
-    `seed`: the seed of this picture's fit. The report has no times, so that the same fit writes the
-    same bytes.
+    - `result`: the fit at the size of its batch. In the SVG it is stretched to the picture's size.
+    - `seed`: the seed of this picture's fit.
+
+    The JSON file has no times, so that the same fit writes the same bytes.
     """
     height, width = image_size(picture)
     factors = np.array([[width / result.width, height / result.height]], np.float32)

@@ -1,4 +1,4 @@
-"""The size at which an image is fitted, and the conversion to and from pixels of the target."""
+"""The size at which an image is fitted, and conversions between its pixels and the target's."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -12,10 +12,11 @@ from .target import Target
 
 
 class Frame(NamedTuple):
-    """The size of a fit, and how it relates to the size of the target.
+    """The size of a fit, and the size of its pixels in pixels of the target.
 
     - `height`, `width`: size of the fit in pixels.
-    - `pixel_width`, `pixel_height`: size of a pixel of the fit, in pixels of the target.
+    - `pixel_width`, `pixel_height`: size of one pixel of the fit, in pixels of the target, 1 or
+      more.
     """
 
     height: int
@@ -25,9 +26,10 @@ class Frame(NamedTuple):
 
     @staticmethod
     def of(height: int, width: int, settings: dict[str, Any]) -> "Frame":
-        """Make the frame for a target of `height` x `width` pixels; it is never larger than that.
+        """Make the frame of a fit for a target of `height` x `width` pixels.
 
-        `settings`: the arguments of `fit`; only `size` and `family` are read.
+        `settings`: the arguments of `fit`, of which only `size` and `family` are read. The longer
+        side of the frame has `size` pixels, but the frame is never larger than the target.
         """
         longer_side = max(height, width)
         size = settings["size"]
@@ -49,7 +51,7 @@ class Frame(NamedTuple):
         return replace(scene, positions=to_device(np.asarray(scene.positions) / factors))
 
     def shrink_target(self, target: Target) -> Target:
-        """Shrink a target and its weights to the size of the fit."""
+        """Shrink the image and the weights of a target to the size of the fit."""
         weights = target.weights
         if weights is not None:
             weights = shrink(weights[..., None], self.height, self.width)[..., 0]

@@ -24,14 +24,16 @@ from .target import Image, Target
 from .task import Task
 
 _STILL_CHANGE = 8 / 255
-"""Change of a pixel of the target between two frames at which the temporal weight falls to 1/e.
+"""Change of a pixel of the target between two frames at which the temporal weight has fallen to
+1/e.
 
-It is the largest change of any channel, for values in 0..1, and lies above the noise of cameras."""
+The change of a pixel is the largest change of any of its channels, in 0..1. This value lies above
+the noise of cameras."""
 
 _LATER_FRAMES_START = 0.7
-"""Share of a fit of layers after which the learning rate falls.
+"""Share of a fit of layers (see `layers.schedule`) after which the learning rate falls.
 
-The schedule of each frame but the first begins there."""
+The schedule of each frame but the first begins at this share."""
 
 
 def fit_frames(
@@ -98,7 +100,10 @@ def fit_frames(
 
 
 def _check(frame_steps: Any, temporal: Any) -> None:
-    """Raise `ValueError` for invalid values of the arguments that only `fit_frames` has."""
+    """Raise `ValueError` for invalid values of the arguments that only `fit_frames` has.
+
+    `frame_steps` must be an integer from 1 on, and `temporal` a finite number from 0 on.
+    """
     is_whole = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
     if not is_whole or frame_steps < 1:
         raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
@@ -108,12 +113,17 @@ def _check(frame_steps: Any, temporal: Any) -> None:
 
 
 class _Film:
-    """A fit of layers that goes from frame to frame; `results` has one result per fitted frame.
+    """A fit of layers that continues from frame to frame of a film.
+
+    - `targets`: the frames, as images of one shape.
+    - `settings`: the arguments of `fit`, checked and completed by `choices`.
+    - `results`: the results of the frames that are done, in order.
 
     With squared error, a temporal weight needs no other loss. Let I, T and P be the values of one
     pixel in the image, in the target and in the fitted frame before. For an error w (I - T)^2 and a
-    change v (I - P)^2, the sum is (w + v) (I - (w T + v P) / (w + v))^2 and a constant. This is the
-    squared error of another target with other weights, so the same program fits it. Here w is 1.
+    change v (I - P)^2, the sum is (w + v) (I - (w T + v P) / (w + v))^2 plus a constant. This is
+    the squared error of another target with other weights, so the same program fits it. Here w is
+    1.
     """
 
     def __init__(self, targets: list[Image], settings: dict[str, Any]):
@@ -128,7 +138,11 @@ class _Film:
         self.results: list[FitResult] = []
 
     def fit_first(self, steps: int, interrupt: Interrupt) -> None:
-        """Fit the first frame as `fit` would, with at most `steps` steps; Ctrl-C ends it."""
+        """Fit the first frame as `fit` would, with at most `steps` steps.
+
+        `interrupt` tells whether Ctrl-C was pressed, which ends the fit after the present chunk of
+        steps.
+        """
         task = self._task
         with Rehearsal(task.warm_up(False), task.scorer.psnr) as rehearsal:
             budget = Budget(Limits.of(self._began, steps, None), rehearsal, 0.0)
@@ -138,9 +152,10 @@ class _Film:
             )  # fmt: skip
 
     def fit_next(self, number: int, steps: int, temporal: float) -> None:
-        """Fit frame `number`, 1 or more, in `steps` steps from where the frame before it ended.
+        """Fit frame `number`, 1 or more, in `steps` steps, from the triangles of the frame before.
 
-        `temporal`: weight of the change of a pixel where the target stands still.
+        `temporal`: weight of the squared change of a pixel where the target stands still, relative
+        to its squared error.
         """
         fit, task = self._fit, self._task
         before, target = (
@@ -157,10 +172,14 @@ class _Film:
         task.history[:] = [Record(taken, seconds, *measure(fit), accepted, fit.active)]
 
     def _blended(self, before: Image, target: Image, temporal: float) -> LayersData:
-        """Blend the target of a frame with the fitted image of the frame before it.
+        """Make the data of the residual for a frame, with a target that resists change.
 
-        `before`, `target`: the targets of the frame before and of this frame, at the size of the
-        fit. Returns the data for the blended target and its weights (see the class).
+        The new target of a pixel is a weighted mean of its value in the frame and in the fitted
+        frame before; the class explains the weights.
+
+        - `before`, `target`: the targets of the frame before and of this frame, at the size of the
+          fit.
+        - `temporal`: weight of the change of a pixel where the target stands still.
         """
         prepare = self._fit.request.loss.prepare
         change = np.abs(target - before).max(-1)
@@ -175,7 +194,10 @@ class _Film:
         )
 
     def result(self, number: int, interrupted: bool) -> FitResult:
-        """Make the result of frame `number`, which must be the last that was fitted."""
+        """Make the result of frame `number`, which must be the frame that was fitted last.
+
+        `interrupted`: whether Ctrl-C was pressed.
+        """
         if number:
             scorer = Scorer(self._targets[number])
             scorer.share_plan(self._scorer)

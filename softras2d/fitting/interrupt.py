@@ -1,4 +1,4 @@
-"""Defer Ctrl-C until the end of a chunk of steps."""
+"""Defer Ctrl-C until the end of a chunk of steps, when nothing is half changed."""
 
 import signal
 import threading
@@ -10,18 +10,18 @@ from typing import Any
 
 @dataclass
 class Interrupt:
-    """Whether Ctrl-C has been pressed (`requested`)."""
+    """Whether Ctrl-C has been pressed, `requested`."""
 
     requested: bool = False
 
 
 @contextmanager
 def deferred_interrupt() -> Iterator[Interrupt]:
-    """Record the first Ctrl-C in a `with` block instead of raising it.
+    """Record the first Ctrl-C in a `with` block, instead of raising `KeyboardInterrupt`.
 
-    The block can then end where nothing is half changed. A second Ctrl-C raises
-    `KeyboardInterrupt`. In threads other than the main thread nothing is recorded, because Python
-    delivers Ctrl-C to the main thread alone.
+    Yields an `Interrupt`, which the block must look at in order to end in time. A second Ctrl-C
+    raises `KeyboardInterrupt`. In threads other than the main thread nothing is recorded, because
+    Python delivers Ctrl-C to the main thread alone.
     """
     interrupt = Interrupt()
     if threading.current_thread() is not threading.main_thread():

@@ -1,7 +1,7 @@
-"""The loop of a fit: chunks of steps within a budget, with a record and a report after each.
+"""The loop of a fit: chunks of steps until the limit, with a record and a report after each.
 
-The same loop serves `fit` and `fit_batch`. It advances a list of fits together, of which `fit` has
-one.
+The same loop serves `fit` and `fit_batch`. It advances a list of fits together, which has one fit
+in the case of `fit`.
 """
 
 import time
@@ -27,14 +27,16 @@ _CHECKPOINT_SECONDS = 30.0
 class ProgressReport(NamedTuple):
     """The state of a running fit, which the functions `report` and `callback` of `fit` receive.
 
-    - `record`: the record of the last chunk.
+    - `record`: the record of the last chunk of steps.
     - `share`: share of the fit that is done, 0..1.
-    - `seconds_left`: estimated time to the last step; NaN until it is known.
+    - `seconds_left`: estimated seconds until the last step; NaN until the estimate is known.
     - `triangles`: the largest number of triangles that the fit may have.
     - `scene()`: returns the scene with the least loss so far, in pixels of the target. All scenes
-      of a fit have the same shapes: triangles not in use lie outside the canvas or have no area.
-    - `saved_psnr`: PSNR, in dB, that the result would have if the best scene were saved now. It is
-      computed from time to time in another thread; this is the last value, NaN before the first.
+      of a fit have the same shapes: triangles that are not in use lie outside the canvas or have no
+      area.
+    - `saved_psnr`: PSNR, in dB, of the result if the fit ended now. It is computed from time to
+      time in another thread. The field has the last value that was computed, and NaN before the
+      first.
     """
 
     record: Record
@@ -46,9 +48,9 @@ class ProgressReport(NamedTuple):
 
 
 class AcceptedSteps:
-    """Counts accepted steps. Their loss is below all losses before them in this call of `fit`.
+    """Counts accepted steps: those whose loss is below all earlier losses in this call of `fit`.
 
-    `count`: number of accepted steps before this call, in the fit that is resumed; else 0.
+    `count`: number of accepted steps of the fit that is resumed; 0 for a new fit.
     """
 
     def __init__(self, count: int):
@@ -56,7 +58,10 @@ class AcceptedSteps:
         self._least_loss = np.inf
 
     def add(self, losses: Float[np.ndarray, " steps"]) -> int:
-        """Count the accepted steps of a chunk, from its losses; return the count so far."""
+        """Count the accepted steps of a chunk, from the loss of each of its steps.
+
+        Returns the number of accepted steps so far.
+        """
         for loss in losses[np.isfinite(losses)]:
             self._count += bool(loss < self._least_loss)
             self._least_loss = min(self._least_loss, loss)
@@ -75,17 +80,20 @@ def run(
     save: Callable[[], None] | None = None,
     devices: Devices | None = None,
 ) -> bool:
-    """Advance fits together to the end of the budget; return whether Ctrl-C ended them before.
+    """Advance fits together until the budget is used; return whether Ctrl-C ended them early.
 
-    - `histories`: one for each fit, to which a record is appended after each chunk.
-    - `steps`: number of steps taken before this call, by the fit that is resumed; else 0.
+    - `fits`: fits with the same shapes, solver and settings.
+    - `histories`: one list for each fit, to which a record is appended after each chunk.
+    - `budget`: the limit of steps or seconds.
+    - `steps`: number of steps of the fit that is resumed; 0 for a new fit.
     - `max_steps`: the largest number of steps of one chunk, not of the fit.
     - `stop()`: returns whether Ctrl-C was pressed; called before each chunk.
     - `report(share, seconds_left)`: called after each chunk with the share of the fit that is done,
-      0..1, and the seconds to the last step, NaN if not known. A `KeyboardInterrupt` from it counts
-      as Ctrl-C; any other exception is passed on.
-    - `save()`: writes a checkpoint; called every half minute.
-    - `devices`: those among which the fits are shared; JAX's first device unless given.
+      0..1, and the seconds until the last step, NaN if not known. A `KeyboardInterrupt` from this
+      function counts as Ctrl-C; any other exception is passed on.
+    - `save()`: writes a checkpoint; called about every half minute, after a chunk.
+    - `devices`: devices each of which takes an equal share of the fits; JAX's first device by
+      default.
     """
     counters = [AcceptedSteps(records[-1].accepted if records else 0) for records in histories]
     compiled_at: float | None = None
@@ -126,10 +134,10 @@ def run(
 
 
 def measure(fit: AbstractFit) -> tuple[float, float]:
-    """PSNR, in dB, and SSIM of the image of the last step against the target of the fit.
+    """Compute the PSNR, in dB, and the SSIM of the image of a fit's last step against its target.
 
-    They are computed from sRGB values, premultiplied if there is alpha, over all pixels and
-    channels at the size of the fit; weights do not count.
+    Both compare sRGB values over all pixels and channels at the size of the fit. Images with alpha
+    are premultiplied. The weights of the pixels are ignored.
     """
     image, target = (
         premultiply(to_device(array, np.float32)) for array in (fit.image, fit.request.target.image)

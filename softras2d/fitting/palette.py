@@ -1,20 +1,20 @@
 """Fit triangles in the colours of a palette: choose a colour for each triangle, and the palette.
 
-In the first part of a fit, colours are free, and only the scenes that are shown have the nearest
-colours of the palette. After that, between chunks of steps, `quantize` assigns a colour of the
-palette to each triangle. If the user gave only the number of colours, it also improves the palette.
-During a chunk these colours are frozen, so that the solver moves triangles to where they are best
-*in these colours*.
+Until the share `PALETTE_START` of a fit, the solver changes colours freely. Only in the scenes that
+are shown or returned, each colour is replaced by the nearest colour of the palette. After that,
+between chunks of steps, `quantize` assigns a colour of the palette to each triangle. If the user
+gave only the number of colours, `quantize` also improves the palette. During a chunk the colours
+are frozen, so that the solver moves triangles to where they are best *in these colours*.
 
 Each pixel is a weighted sum of the colours, with weights of 0 or more that sum to at most 1. The
 squared error, summed over pixels and channels, therefore has an upper bound that is a sum of
 parabolas, one for the colour of each triangle. The bound is equal to the squared error at the
 present colours. Each triangle takes the colour of the palette that is best for its parabola, as in
-k-means. So, once all colours are of the palette, the squared error never rises. This holds for
-translucent triangles too.
+k-means. So, once all colours are of the palette, `quantize` never raises the squared error. This is
+true for translucent triangles, too.
 
-**Source:** Lloyd, *Least squares quantization in PCM* (1982); Arthur and Vassilvitskii,
-*k-means++* (2007), for the first palette; De Pierro (1995) for the separable upper bound.
+**Source:** Lloyd, *Least squares quantization in PCM* (1982); Arthur and Vassilvitskii, *k-means++*
+(2007), for the first palette; De Pierro (1995) for the separable upper bound.
 """
 
 from typing import Any, NamedTuple
@@ -41,31 +41,31 @@ _KMEANS_RUNS, _LLOYD_ROUNDS = 8, 20
 PALETTE_START = 0.6
 """Share of the fit after which triangles have colours of the palette.
 
-Before that they are free, because fits in the palette's colours from the start end with a PSNR up
-to a decibel lower."""
+Before that, the solver changes colours freely, because fits in the palette's colours from the start
+end with a PSNR up to a decibel lower."""
 
 _BOUND_COUNT, _ROUNDS_PER_BOUND = 2, 4
-"""Number of upper bounds of the squared error that a call of `quantize` computes one after another;
-and, if the fit chooses the palette, rounds of k-means for each bound."""
+"""Number of times that a call of `quantize` computes the upper bound of the squared error; and, if
+the fit chooses the palette, rounds of k-means for each bound."""
 
 _LEAST_WEIGHT = 1e-6
-"""Least curvature of a triangle's parabola for which its colour counts.
+"""Least curvature of a triangle's parabola; with less, the colour of the triangle is not changed.
 
-The curvature is about the number of pixels in which the triangle shows."""
+The curvature is about the number of pixels in which the triangle is visible."""
 
 
 LEAST_CHANGE = 1 / 1024
 """Least change of a colour channel, for values in 0..1, that counts as a change.
 
-With second-order solvers, each change makes the solve begin anew."""
+With second-order solvers, the solve restarts after each change."""
 
 
 class Quantized(NamedTuple):
     """The colours that `quantize` chose, each channel in 0..1.
 
     - `colors`: the colour of each triangle, which is one of the palette.
-    - `palette`: the palette, improved if the fit chooses it.
-    - `background`: one of the palette, or the given background if it does not follow the palette.
+    - `palette`: the palette, which `quantize` may have improved.
+    - `background`: a colour of the palette, or the unchanged background if `quantize` was told so.
     """
 
     colors: Float[np.ndarray, "triangles 3"]
@@ -73,9 +73,10 @@ class Quantized(NamedTuple):
     background: Float[np.ndarray, " channels"]
 
     def is_close(self, colors: Float[np.ndarray, "..."], palette: Palette) -> bool:
-        """Whether `colors` and `palette` differ from these by less than `LEAST_CHANGE` per channel.
+        """Whether the given colours and palette are nearly those of this object.
 
-        `colors`: one for each triangle, in an array of any shape that ends with 3 channels.
+        All channels must differ by less than `LEAST_CHANGE`. `colors`: one colour for each
+        triangle, in an array of any shape that ends with 3 channels.
         """
         change = np.abs(self.colors - np.asarray(colors).reshape(-1, 3)).max(initial=0.0)
         return bool(max(change, np.abs(self.palette - palette).max()) < LEAST_CHANGE)
@@ -84,7 +85,7 @@ class Quantized(NamedTuple):
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
     """Make a palette of `count` colours by k-means on the sRGB values of the target's pixels.
 
-    A pixel counts in proportion to its weight and to its alpha.
+    A pixel counts in proportion to its weight and to its alpha. `seed`: seed of the random choices.
     """
     rng = np.random.default_rng(seed)
     weight = np.ones(target.image.shape[:2]) if target.weights is None else target.weights
@@ -100,10 +101,10 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
 def _kmeans(
     rng: np.random.Generator, colors: Float[np.ndarray, "n 3"], count: int
 ) -> Float[np.ndarray, "{count} 3"]:
-    """Make a palette of `count` colours by one run of k-means++ on `colors`.
+    """Make a palette of `count` colours by one run of k-means on `colors`.
 
-    It starts from random colours, each drawn with a probability in proportion to its squared
-    distance from the nearest colour drawn before.
+    The run starts from random colours, as k-means++ does: each is drawn with a probability in
+    proportion to its squared distance from the nearest colour drawn before.
     """
     palette = colors[rng.integers(len(colors), size=1)]
     while len(palette) < count:
@@ -119,10 +120,11 @@ def _distances(palette: Palette, colors: Float[np.ndarray, "n 3"]) -> Float[np.n
 
 
 def palette_of(setting: Any, target: Target, seed: int) -> Palette | None:
-    """Make the palette at the start of a fit from the value of the option `palette`.
+    """Make the palette at the start of a fit from the value of the option `palette`, `setting`.
 
-    `setting` is a list of colours; or the number of colours, for which `first_palette` makes them
-    from the target; or None, which is returned.
+    `setting` is a list of RGB colours in 0..1; or a number of colours, for which `first_palette`
+    makes the palette from the target; or None, for which the result is None. `seed`: seed of the
+    random choices.
     """
     if setting is None:
         return None
@@ -138,9 +140,9 @@ def nearest(palette: Palette, colors: Float[np.ndarray, "colors_2 3"]) -> Int[np
 
 
 def in_palette(palette: Palette, colors: Any) -> Float[Array, "..."]:
-    """Replace each colour by the nearest colour of the palette.
+    """Replace each colour by the nearest colour of the palette, by distance in RGB.
 
-    `colors`: an array of any shape that ends with 3 channels. The result has its shape.
+    `colors`: an array of any shape that ends with 3 channels. The result has the same shape.
     """
     host = np.asarray(colors)
     return to_device(palette[nearest(palette, host.reshape(-1, 3))].reshape(host.shape))
@@ -156,19 +158,20 @@ def quantize(
     improves_palette: bool,
     quantizes_background: bool,
 ) -> Quantized:
-    """Assign a colour of the palette to each flat triangle, for a low squared error.
+    """Assign a colour of the palette to each flat triangle, so that the squared error is low.
 
     The squared error is computed from sRGB values, multiplied by the weights of the pixels, and
     summed over pixels and channels, whatever the loss of the fit. It does not rise if the colours
     in `y` are of the palette already.
 
-    - `residual`: the residual of the fit, of which only the image is used.
+    - `residual`: the residual of the fit (`AbstractFit.residual`), of which only the image is used.
     - `y`: the unknowns, with frozen values in place.
-    - `data`: the second argument of `residual`, without `frozen`.
-    - `target`: premultiplied, at the size of the fit.
-    - `improves_palette`: whether the palette is improved too.
-    - `quantizes_background`: whether the background gets a colour of the palette; for opaque
-      images.
+    - `data`: the second argument of `residual`, with None as its field `frozen`.
+    - `target`: the premultiplied target and its weights, at the size of the fit.
+    - `palette`: the present palette.
+    - `improves_palette`: whether the palette is improved, too.
+    - `quantizes_background`: whether the background gets a colour of the palette. It may be True
+      for opaque images only.
     """
     weights = None if target.weights is None else to_device(target.weights, np.float32)
     image = to_device(target.image, np.float32)
@@ -199,9 +202,10 @@ def quantize(
 def best_background(
     residual: Residual, y: Any, data: Any, target: Target
 ) -> Float[np.ndarray, "3"]:
-    """Compute the RGB background, in 0..1, that makes the upper bound in `quantize` least.
+    """Compute an RGB background, in 0..1, with which the squared error is at most the present one.
 
-    The squared error does not rise. The image must be opaque. The arguments are as in `quantize`.
+    It is the background that minimises the upper bound of the squared error in `quantize`. The
+    image must be opaque. The arguments are as in `quantize`.
     """
     weights = None if target.weights is None else to_device(target.weights, np.float32)
     image = to_device(target.image, np.float32)
@@ -221,9 +225,10 @@ def _parabolas(
 ) -> tuple[Float[Array, "colors 3"], Float[Array, "colors 3"]]:
     """Return the first and second derivatives of the parabolas that bound half the squared error.
 
-    There is one parabola for each channel of each colour in `y`, and, in the last row, for each
-    channel of the background. The derivatives are taken at the present colours; for a background
-    with alpha they are 0. `target` is premultiplied.
+    The module explains the bound. There is one parabola for each channel of each colour in `y`,
+    and, in the last row, for each channel of the background. The derivatives are taken at the
+    present colours; for a background with alpha they are 0. `target` is premultiplied. The other
+    arguments are as in `quantize`.
     """
     is_opaque = target.shape[-1] == 3
 
@@ -259,10 +264,11 @@ def _lloyd(
     weight: Float[np.ndarray, " n"],
     rounds: int,
 ) -> Float[np.ndarray, "colors 3"]:
-    """Improve a palette for weighted colours by rounds of k-means; return it clipped to 0..1.
+    """Improve a palette for weighted colours by rounds of k-means; return it, clipped to 0..1.
 
-    If no colour, or too little weight, is nearest to a colour of the palette, that one is replaced
-    by the given colour with the largest weighted squared distance from the palette.
+    In each round, a colour of the palette becomes the weighted mean of the given colours that are
+    nearest to it. If the sum of their weights is not above `_LEAST_WEIGHT`, it becomes instead one
+    of the given colours with the largest weighted squared distances from the palette.
     """
     for _ in range(rounds):
         labels = nearest(palette, colors)

@@ -1,4 +1,4 @@
-"""Score scenes of a running fit in another thread, in the way that its result will be scored."""
+"""Draw and score scenes of a running fit in another thread, as its result will be at the end."""
 
 import time
 from collections.abc import Callable
@@ -15,29 +15,31 @@ _INTERVAL = 10.0
 Rehearsals share the processor with the fit, so they must be rare."""
 
 _LEAST_TIME_LEFT = 3.0
-"""Least time left for steps when a rehearsal begins, as a multiple of the time that the end of the
-fit takes. The fit would wait for a later one."""
+"""Least time until the last step for a rehearsal to begin, as a multiple of the time that the end
+of the fit takes. A rehearsal that begins later would delay the end."""
 
 _COMPILED = 3.0
-"""A rehearsal that takes more than this many times as long as expected has compiled a program."""
+"""Multiple of the expected duration of a rehearsal.
+
+A rehearsal that takes longer must have compiled a program, so its duration is measured again."""
 
 
 class Rehearsal:
-    """Scores scenes of a running fit in another thread.
+    """Draws and scores scenes of a running fit in another thread, as its result will be at the end.
 
     This has three purposes:
 
-    - The programs that make the result are compiled while the first steps run. If triangles outgrow
-      the plan for scoring, another program is compiled long before the end.
-    - The fit learns how many seconds to set aside for its end: `result()`.
-    - The attribute `psnr` tells about which PSNR, in dB, the result would have if the fit ended
-      now. It belongs to the last scene that was scored, and is NaN before the first. The PSNR of a
-      step's image differs, because that image has another size and coverage.
+    - The programs that make the result are compiled while the first steps run. If the scenes
+      outgrow the plan for scoring, another program is compiled long before the end.
+    - The fit learns how many seconds to reserve for its end: `result()`.
+    - The attribute `psnr` is about the PSNR, in dB, that the result would have if the fit ended
+      now. It is the PSNR of the last scene that was scored, and NaN before the first. The PSNR of
+      the image of a step differs from it, because that image has another size and coverage.
 
     Use it in a `with` block, whose end waits for the thread. The arguments are functions:
 
     - `warm_up()`: compiles the programs for the result; returns the seconds that they take after
-      that.
+      compilation.
     - `psnr(scene)`: draws a scene, in pixels of the target, and returns its PSNR in dB.
     """
 
@@ -62,23 +64,23 @@ class Rehearsal:
         self._pool.shutdown()
 
     def done(self) -> bool:
-        """Whether it is known how long the end of the fit takes."""
+        """Whether the duration of the end of the fit is known."""
         return self._warming.done()
 
     def result(self) -> float:
         """Seconds that the end of the fit takes; waits until they are known.
 
-        Raises what the programs raised.
+        Raises any exception that `warm_up` raised.
         """
         seconds = self._warming.result()
         return seconds if self._seconds is None else max(seconds, self._seconds)
 
     def update(self, best_scene: Callable[[], Scene], seconds_left: float) -> None:
-        """Collect the last rehearsal if it has ended, and begin another when one is due.
+        """Collect the last rehearsal if it has ended, and begin another one when it is due.
 
         - `best_scene()`: returns the scene to score, in pixels of the target.
-        - `seconds_left`: seconds until the last step; NaN if not known. None begins shortly before
-          the last step, because the fit would wait for it.
+        - `seconds_left`: seconds until the last step; NaN if not known. No rehearsal begins shortly
+          before the last step, because the fit would wait for it.
         """
         if not self._warming.done():
             return

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 _BLOCK_ROWS = 8
-"""Number of new rows that are computed together. More would multiply by more zeros."""
+"""Number of new rows that are computed together; more rows would multiply by more zeros."""
 
 
 def shrink(
@@ -13,8 +13,8 @@ def shrink(
     """Shrink an image to `height` x `width` pixels by exact means, for any ratio of the sizes.
 
     Each old pixel is a square of constant colour. If there are four channels, the last is straight
-    alpha, and colours are weighted by it; they are 0 where all alpha is 0. An image that has this
-    size already is returned itself.
+    alpha, and colours are weighted by it; colours are 0 where the mean alpha is 0. An image that
+    has the requested size is returned unchanged.
     """
     if image.shape[:2] == (height, width):
         return image
@@ -32,7 +32,7 @@ def shrink(
 def _shrink_columns(
     values: Float[np.ndarray, "rows columns channels"], width: int
 ) -> Float[np.ndarray, "rows {width} channels"]:
-    """Shrink along each row, to `width` columns."""
+    """Shrink an image along each row, to `width` columns."""
     columns = _overlaps(values.shape[1], width)
     return np.einsum("rjc,kj->rkc", values, columns, optimize=True)
 
@@ -40,7 +40,7 @@ def _shrink_columns(
 def _shrink_rows(
     values: Float[np.ndarray, "rows columns channels"], height: int
 ) -> Float[np.ndarray, "{height} columns channels"]:
-    """Shrink along each column, to `height` rows.
+    """Shrink an image along each column, to `height` rows.
 
     Each block of new rows reads only the old rows that it overlaps.
     """
@@ -56,9 +56,10 @@ def _shrink_rows(
 
 
 def _overlaps(old: int, new: int) -> Float[np.ndarray, "{new} {old}"]:
-    """Fraction of each new pixel that each old pixel fills, along one axis.
+    """Fraction of each new pixel that each old pixel covers, along one axis of an image.
 
-    `old`, `new`: the number of pixels along the axis before and after. Each row sums to 1.
+    `old`, `new`: number of pixels along the axis before and after shrinking. Each row of the result
+    sums to 1.
     """
     edges = np.linspace(0, old, new + 1)
     low = np.maximum(edges[:-1, None], np.arange(old))

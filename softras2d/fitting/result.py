@@ -26,10 +26,11 @@ from .entries import Entries, Size
 class Record(NamedTuple):
     """The state of a fit after a chunk of steps.
 
-    - `steps`, `seconds`: since the fit began, including the fits that were resumed.
-    - `psnr` (dB), `ssim`: of sRGB values, of the image of the last step against the target, at the
-      size and with the coverage of the fit.
-    - `accepted`: number of steps, of `steps`, whose loss was below all losses before it in the same
+    - `steps`, `seconds`: numbers of steps and seconds since the fit began, including those of the
+      fits that were resumed.
+    - `psnr` (dB), `ssim`: scores of the image of the last step against the target, from sRGB
+      values, at the size and with the coverage of the fit.
+    - `accepted`: number of steps, of `steps`, whose loss was below all earlier losses in the same
       call of `fit`.
     - `active`: number of triangles in use.
     """
@@ -47,8 +48,10 @@ class FitResult:
     """A fitted scene, its scores, and the history of the fit.
 
     - `scene`: in pixels of the target.
-    - `image`: the scene drawn in hard mode with 16 samples, `[height, width, channels]`.
-    - `psnr` (dB; infinite if equal), `ssim`: of sRGB values, of `image` against the target.
+    - `image`: the scene drawn in hard mode with 16 samples per pixel, `[height, width, channels]`,
+      with straight alpha.
+    - `psnr` (dB; infinite if equal), `ssim`: scores of `image` against the target, from sRGB
+      values.
     - `history`: one record for each chunk of steps.
     - `settings`: the arguments of the fit, in types that JSON has.
     - `interrupted`: whether Ctrl-C ended the fit.
@@ -76,7 +79,7 @@ class FitResult:
         return f"FitResult: PSNR {psnr} dB, SSIM {ssim}\n  {', '.join(facts)}"
 
     def _repr_html_(self) -> str | None:
-        """The fitted image and the text of `repr`, for notebooks."""
+        """HTML of the fitted image above the text of `repr`, for notebooks."""
         return image_html(self.image, repr(self))
 
     @property
@@ -90,7 +93,7 @@ class FitResult:
         return self.image.shape[1]
 
     def report(self) -> dict[str, Any]:
-        """Settings, scores, history, versions and machine, in types that JSON has.
+        """Return settings, scores, history, versions and machine, in types that JSON has.
 
         Numbers that are not finite, such as the PSNR of equal images, are None.
         """
@@ -123,17 +126,17 @@ class FitResult:
         }
 
     def write_report(self, path: str | os.PathLike[str]) -> None:
-        """Write `report` as a JSON file. A failure leaves no partial file."""
+        """Write what `report` returns as a JSON file. A failure leaves no partial file."""
         text = json.dumps(self.report(), indent=1) + "\n"
         path = Path(path)
         with atomic_file(path) as draft:
             draft.write_text(text, encoding="utf-8")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an `.npz` from which `load` restores the result exactly.
+        """Write an `.npz` file from which `load` restores the result exactly.
 
-        A failure leaves no partial file. Raises `ValueError`, one line, for another suffix and
-        for a result whose arrays have more than a GiB.
+        A failure leaves no partial file. Raises `ValueError`, with a message of one line, for
+        another suffix and for a result whose arrays have more than a GiB.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -161,10 +164,10 @@ class FitResult:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "FitResult":
-        """Read a file that `save` wrote. Every entry is checked before it is used.
+        """Read a file that `save` wrote. Every array is checked before it is used.
 
         Raises `ValueError` for any other file, and for one that unpacks to more than a GiB. The
-        message, one line, names the file, the entry and what was expected.
+        message, one line, names the file, the array, and what is required of it.
         """
         path = Path(path)
         if not path.is_file():
@@ -179,13 +182,13 @@ class FitResult:
 _LIBRARIES = ("jax", "jaxlib", "equinox", "lineax", "optax", "optimistix", "numpy", "scipy")
 
 _STATE = "state."
-"""Prefix of the names of the entries in a file that belong to `FitResult.state`."""
+"""Prefix of the names of the arrays in a file that belong to `FitResult.state`."""
 
 assert set(saved_fit.SCENE_FIELDS) < {scene_field.name for scene_field in fields(Scene)}
 
 
 def _result(arrays: dict[str, np.ndarray]) -> FitResult:
-    """Make the result from the arrays of a file; a `ValueError` names the entry at fault."""
+    """Make the result from the arrays of a file, by name; raise `ValueError` if one is invalid."""
     state = {
         name.removeprefix(_STATE): value
         for name, value in arrays.items()

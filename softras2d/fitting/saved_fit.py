@@ -1,7 +1,8 @@
-"""Check the entries of a saved fit: the type, shape and range of each, and their agreement.
+"""Check the arrays of a saved fit: the type, shape and range of each, and that they agree.
 
-Files come from anywhere, so no entry is used before it has been checked here. Every fault is a
-one-line `ValueError` that names the entry and what was expected.
+A file may come from anywhere, so no array is used before it has been checked here. The checks
+remove arrays from an `entries.Entries`. Every fault raises a `ValueError` of one line that names
+the array and what is required of it.
 """
 
 from typing import Any
@@ -23,7 +24,7 @@ from .solvers import SOLVERS, solver_of
 from .steered_state import check_steered_state
 
 FORMAT = 3
-"""Version of the file format."""
+"""Version of the file format, which is saved in the array `facts`."""
 
 SCENE_FIELDS = ("positions", "triangles", "colors", "background")
 """Fields of `Scene` that a fitted scene has, and that are saved."""
@@ -32,17 +33,20 @@ _SETTINGS = (
     "triangles", "family", "solver", "seed", "size", "shading", "translucent", "softness",
     "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
-"""Names of the settings that a file must have, and no others."""
+"""Names of the settings that a file must have. It may have no others."""
 
 _MAX_FACTS_BYTES = 2**20
-"""Largest number of bytes of the JSON in the entry `facts` of a file that is read."""
+"""Largest number of bytes of the JSON text in the array `facts` of a file."""
 
 _MAX_SIDE = 2**16
-"""Largest height and width, in pixels, of an image that is read."""
+"""Largest height and width, in pixels, of the image in a file."""
 
 
 def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
-    """Read the entry `facts`; return the fit's settings, and whether it was interrupted."""
+    """Read the array `facts`, JSON; return the fit's settings, and whether the fit was interrupted.
+
+    Raises `ValueError` for a file of another format, and for settings that no fit can have.
+    """
     data = entries.take("facts", np.uint8, ("bytes",))
     if data.size > _MAX_FACTS_BYTES:
         raise ValueError(f"`facts` must be {_MAX_FACTS_BYTES} bytes at most; got {data.size}.")
@@ -64,7 +68,7 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ValueError` for settings, read from a file, that no fit can have."""
+    """Raise `ValueError` for settings from a file that no fit can have."""
     if not isinstance(settings, dict):
         raise ValueError("`facts` must have the `settings` of the fit; they are missing.")
     for name in _SETTINGS:
@@ -90,7 +94,7 @@ def check_settings(settings: Any) -> None:
 
 
 def read_image(entries: Entries) -> np.ndarray:
-    """Read the entry `image`, the hard image of the result, `[height, width, 3 or 4]`."""
+    """Read the array `image`, the hard image of the result, `[height, width, 3 or 4]`."""
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
     if 0 in image.shape or max(image.shape[:2]) > _MAX_SIDE or image.shape[2] not in (3, 4):
         raise ValueError(
@@ -101,7 +105,7 @@ def read_image(entries: Entries) -> np.ndarray:
 
 
 def read_scores(entries: Entries) -> tuple[float, float]:
-    """Read the entry `scores`; return the PSNR in dB, which may be infinite, and the SSIM."""
+    """Read the array `scores`; return the PSNR in dB, which may be infinite, and the SSIM."""
     psnr, ssim = entries.take("scores", np.float64, (2,)).tolist()
     if np.isnan(psnr) or not -1.01 <= ssim <= 1.01:
         raise ValueError(f"`scores` must be a PSNR and an SSIM in -1..1; got {psnr}, {ssim}.")
@@ -109,10 +113,10 @@ def read_scores(entries: Entries) -> tuple[float, float]:
 
 
 def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
-    """Read the entry `history`: one row for each record, with one column for each field.
+    """Read the array `history`: one row for each record, with one column for each field.
 
     `fields`: the names of the fields of `result.Record`, in order. The columns `steps`, `accepted`
-    and `active` must be counts.
+    and `active` must be integers from 0 on.
     """
     history = entries.take("history", np.float64, ("records", len(fields)))
     columns = dict(zip(fields, history.T, strict=True))
@@ -130,9 +134,10 @@ def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
 
 
 def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Scene:
-    """Read the fitted scene, which must be valid and match the settings.
+    """Read the fitted scene, which must be valid and match the settings of the fit.
 
-    `channels`: the number of channels of the image, and so of the background.
+    - `settings`: decide the numbers of colours and channels, and the largest number of triangles.
+    - `channels`: number of channels of the image, and so of the background.
     """
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
@@ -160,9 +165,9 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int) -> None:
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
-    - `state`: arrays by name, without the prefix `state.`.
+    - `state`: arrays by name, as in `FitResult.state`.
     - `size`: size of the target.
-    - `steps`: the number of steps in the last record of the history, or 0 without records.
+    - `steps`: number of steps in the last record of the history; 0 without records.
     """
     entries = Entries(state, "state.")
     working_size = Frame.of(size.height, size.width, settings)
@@ -193,10 +198,12 @@ def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, ste
 def _check_solve(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> None:
-    """Check the entries `solve.0`, ...: the unknowns, then the arrays of the solver's state.
+    """Check the arrays `solve.0`, `solve.1`, ...: the unknowns, followed by the solver's state.
 
-    Both are in the order of `jax.tree.leaves`. `shapes`: the shapes of the unknowns; `size`: the
-    size of the fit.
+    `state.save_state` saves them in the order of `jax.tree.leaves`.
+
+    - `shapes`: the shapes of the unknowns.
+    - `size`: the size of the fit.
     """
     expected = _solver_arrays(settings, shapes, size)
     if expected is None:
@@ -216,10 +223,13 @@ def _check_solve(
 def _solver_arrays(
     settings: dict[str, Any], shapes: list[tuple[int, ...]], size: Size
 ) -> list[tuple[Any, tuple[int, ...]]] | None:
-    """Return type and shape of each entry `solve.0`, ... that a fit with these settings saves.
+    """Return type and shape of each array `solve.0`, `solve.1`, ... of a fit with these settings.
 
-    They are found by tracing how the solver begins. Returns None for a solver that was given as an
-    object, because the file holds only its name.
+    They are computed by tracing the beginning of a solve. Returns None for a solver that was given
+    as an object, because a file contains only the name of its type.
+
+    - `shapes`: the shapes of the unknowns.
+    - `size`: the size of the fit.
     """
     if settings["solver"] not in SOLVERS:
         return None

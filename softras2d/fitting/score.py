@@ -33,7 +33,7 @@ class Score(NamedTuple):
 
 
 _MAX_PIXELS = 2**20
-"""Largest number of pixels for which SSIM is computed at once; larger images are cut into strips."""
+"""Largest number of pixels for which SSIM is computed at once; larger images are cut in strips."""
 
 _HEADROOM = 1.5
 """Capacity of a plan for scoring, as a multiple of what its scene needs.

@@ -1,8 +1,8 @@
 """Save the state of a fit as arrays by name, and restore it.
 
-A resumed fit continues as if it had never stopped, except that a least-squares solver starts anew
-at its last point. In a saved file, the names of these arrays begin with `state.`; they are checked
-by `saved_fit`.
+A resumed fit continues as if it had never stopped, except that a least-squares solver restarts at
+its last point. In a saved file, the names of these arrays begin with `state.`, and `saved_fit`
+checks the arrays.
 """
 
 import hashlib
@@ -19,14 +19,14 @@ from .trees import fill_tree, tree_arrays
 
 
 def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
-    """Save a fit after `steps` steps as arrays by name.
+    """Save the state of a fit, which has taken `steps` steps, as arrays by name.
 
-    - `solve.0`, ...: the unknowns and the solver's state (see `_solver_state`).
+    - `solve.0`, `solve.1`, ...: the unknowns and the solver's state (see `_solver_state`).
     - `steps`: the number of steps.
     - `image`: the image of the last step, at the size of the fit.
     - `host`: the number of triangles in use, and the share of the fit at the last exchange.
     - `target`: a hash of the target at the size of the fit.
-    - `weights`: the weights of its pixels, if there are any.
+    - `weights`: the weights of the target's pixels at the size of the fit, if there are any.
     - The arrays of `AbstractFit.family_state`.
     """
     target = fit.request.target
@@ -41,10 +41,10 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
 
 
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
-    """Restore what `save_state` saved into a new fit with the same settings.
+    """Restore the arrays that `save_state` returned, into a new fit with the same settings.
 
-    Returns the number of steps of the saved fit. Raises `ValueError` for the state of a fit of
-    another target, solver or size.
+    Returns the number of steps of the saved fit. Raises `ValueError` if the saved fit had another
+    target, solver or size.
     """
     if not np.array_equal(arrays.get("target", []), _digest(fit.request.target.image)):
         raise ValueError("`resume` is of another `target`.")
@@ -64,11 +64,11 @@ def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
 
 
 def _solver_state(fit: AbstractFit) -> Any:
-    """The pair of the unknowns and those parts of the solver's state that are saved.
+    """The unknowns and those arrays of the solver's state that are saved, as a pair.
 
-    The state of a least-squares solver holds the derivative at the last point as a program, which
-    cannot be saved. For such a solver only the best point and its loss are saved, and it restarts
-    at the last point.
+    The state of a least-squares solver contains the derivative at the last point as a program,
+    which cannot be saved. For such a solver only the best unknowns and their loss are saved, and it
+    restarts at the last point.
     """
     progress = fit.progress
     if isinstance(fit.request.solver, optx.AbstractLeastSquaresSolver):
@@ -77,9 +77,9 @@ def _solver_state(fit: AbstractFit) -> Any:
 
 
 def _digest(image: np.ndarray) -> np.ndarray:
-    """Hash of the image's float32 values, as 16 bytes.
+    """Compute a hash of an image's float32 values, as an array of 16 bytes.
 
-    It tells whether a fit resumes on its own target.
+    By this hash a fit recognizes the target with which it was saved.
     """
     data = np.ascontiguousarray(image, np.float32).tobytes()
     return np.frombuffer(hashlib.blake2b(data, digest_size=16).digest(), np.uint8)

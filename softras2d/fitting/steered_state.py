@@ -1,4 +1,4 @@
-"""Write and check the entries of a saved fit that has a palette, or unknowns that are frozen."""
+"""Save and check the arrays of a fit that has a palette or frozen unknowns."""
 
 from typing import Any
 
@@ -14,13 +14,17 @@ from .trees import tree_arrays
 def steered_state(
     palette: Float[np.ndarray, "colors 3"] | None, is_quantized: bool, frozen: Frozen | None
 ) -> dict[str, np.ndarray]:
-    """Make the entries, which are arrays by name; none if both `palette` and `frozen` are None.
+    """Return the arrays to be saved, by name, for a palette and frozen unknowns.
 
-    - `palette`: RGB in 0..1.
-    - `quantized`: `is_quantized`, whether the triangles have colours of the palette by now.
-    - `frozen.0`, ...: the arrays of `frozen.values`, in the order of `jax.tree.leaves`.
+    - `palette`: the palette, RGB in 0..1; None if there is none. It is saved as the array
+      `palette`.
+    - `is_quantized`: whether the triangles have colours of the palette by now. It is saved with the
+      palette, as the array `quantized`.
+    - `frozen`: the frozen unknowns; None if there are none. The leaves of `frozen.values` are saved
+      as the arrays `frozen.0`, `frozen.1`, ..., in the order of `jax.tree.leaves`.
 
-    `task.Task` adds `freeze.vertices` and `freeze.triangles`, the masks that the user gave.
+    The masks that the user gave are saved by `task.Task`, as `freeze.vertices` and
+    `freeze.triangles`.
     """
     arrays: dict[str, np.ndarray] = {}
     if palette is not None:
@@ -31,9 +35,10 @@ def steered_state(
 def check_steered_state(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> None:
-    """Check the entries that `steered_state` made; raise `ValueError` for a fault.
+    """Check the arrays that `steered_state` returned, and the masks; a fault is a `ValueError`.
 
-    `shapes`: the shapes of the leaves of the unknowns.
+    - `settings`: the settings of the saved fit.
+    - `shapes`: the shapes of the leaves of the unknowns.
     """
     palette, groups = settings["palette"], settings["freeze"]
     if palette is not None:

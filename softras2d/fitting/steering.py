@@ -13,14 +13,14 @@ MAX_PALETTE = 256
 """Largest number of colours of a palette."""
 
 DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
-"""Settings that files of earlier versions lack, with the values by which those fits were made."""
+"""Settings that the files of earlier versions lack, with the values that these versions used."""
 
 
 def normalize_palette(palette: Any) -> Any:
     """Convert the colours of a palette to lists of floats; `uint8` colours stand for 0..255.
 
-    Any other value, such as None or a number of colours, is returned unchanged. `check_palette`
-    refuses it if it is invalid.
+    None, a number of colours, and a value that is not `[colours, 3]` numbers are returned
+    unchanged; `check_palette` refuses invalid values.
     """
     if palette is None or isinstance(palette, bool | int | str):
         return palette
@@ -35,7 +35,7 @@ def normalize_palette(palette: Any) -> Any:
 
 
 def check_palette(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the palette is valid and goes with the other settings."""
+    """Raise `ValueError` unless the setting `palette` is valid and agrees with the others."""
     palette = settings["palette"]
     if palette is None:
         return
@@ -64,7 +64,7 @@ def check_palette(settings: dict[str, Any]) -> None:
 
 
 def _is_table(rows: Any) -> bool:
-    """Whether each row of a list is a list of three numbers."""
+    """Whether each entry of a list is a list of three numbers."""
     return all(
         isinstance(row, list)
         and len(row) == 3
@@ -74,14 +74,14 @@ def _is_table(rows: Any) -> bool:
 
 
 MASKED = ("vertices", "triangles")
-"""Names in the option `freeze` that need a mask. The other names freeze all that they stand for."""
+"""Names in the option `freeze` that need a mask. Each other name freezes all that it stands for."""
 
 
 def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
-    """Split the option `freeze` into the sorted list of its names, and the masks by name.
+    """Split the option `freeze` into the sorted list of its names, and its masks by name.
 
     Both are empty for None. Raises `ValueError` for anything but None, a name, several names, or a
-    mapping of names to True or masks.
+    mapping of names to True or to boolean masks.
     """
     groups = get_args(names.FreezeGroup)
     if freeze is None:
@@ -111,7 +111,7 @@ def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
 
 
 def check_freeze(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the names to freeze are valid and go with the other settings."""
+    """Raise `ValueError` unless the setting `freeze` is valid and agrees with the others."""
     groups = settings["freeze"]
     if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
         raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
@@ -136,7 +136,7 @@ def check_freeze(settings: dict[str, Any]) -> None:
 def check_length(group: str, mask: np.ndarray, count: int) -> None:
     """Raise `ValueError` unless a mask of the option `freeze` has `count` entries.
 
-    `group`: `"vertices"` or `"triangles"`, for the message.
+    `group`: `"vertices"` or `"triangles"`, which the mask is for; used in the message.
     """
     if len(mask) != count:
         raise ValueError(
@@ -146,7 +146,7 @@ def check_length(group: str, mask: np.ndarray, count: int) -> None:
 
 
 def normalize_background(background: Any) -> Any:
-    """Convert a colour to a list of floats; a `uint8` colour stands for 0..255.
+    """Convert a colour to a list of floats in 0..1; a `uint8` colour stands for 0..255.
 
     A name, or an invalid value, is returned unchanged.
     """
@@ -157,7 +157,7 @@ def normalize_background(background: Any) -> Any:
 
 
 def check_background(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the background is valid and goes with the other settings."""
+    """Raise `ValueError` unless the setting `background` is valid and agrees with the others."""
     background = settings["background"]
     is_color = (
         isinstance(background, list)

@@ -1,4 +1,4 @@
-"""How far the corners of fitted triangles may leave the canvas."""
+"""How far outside the canvas the corners of fitted triangles may lie."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -7,20 +7,20 @@ from jaxtyping import Array, Float
 from ..units import POSITION_UNIT
 
 OVERSHOOT = 0.4
-"""Distance by which a corner may leave the square whose side is the longer side of the canvas.
+"""Distance by which a corner may lie outside a square whose side is the longer side of the canvas.
 
-It is a multiple of that side, and larger if a scene to start from leaves the square by more. Hard
-mode clips what is more than half a longer side outside the canvas."""
+The distance is a multiple of that side. It is larger if a scene to start from has corners farther
+outside. Hard mode clips triangles at half a longer side outside the canvas."""
 
 
 def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> float:
-    """Largest distance by which corners leave a square, as a multiple of the square's side.
+    """Largest distance by which corners lie outside a square, as a multiple of the square's side.
 
     On both axes, the square reaches from 0 to the longer side of the canvas. The result is 0 if no
-    corner leaves it.
+    corner lies outside.
 
-    - `corners`: as unknowns, in multiples of `POSITION_UNIT`.
-    - `height`, `width`: of the canvas, in pixels.
+    - `corners`: in multiples of `POSITION_UNIT` pixels, as in `LayersUnknowns`.
+    - `height`, `width`: size of the canvas, in pixels.
     """
     outside = np.abs(corners * POSITION_UNIT / max(height, width) - 0.5) - 0.5
     return float(outside.max(initial=0.0))
@@ -29,13 +29,14 @@ def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width
 def near_canvas(
     corners: Float[Array, "triangles 3 2"], overshoot: float, height: int, width: int
 ) -> Float[Array, "triangles 3 2"]:
-    """Clip corners to [-overshoot, 1 + overshoot] of the longer side of the canvas, on both axes.
+    """Clip both coordinates of corners to -overshoot..(1 + overshoot) longer sides of the canvas.
 
-    On a canvas that is not square, corners may leave the shorter side by more than `overshoot`.
+    On a canvas that is not square, corners may lie farther than `overshoot` outside its shorter
+    side.
 
-    - `overshoot`: distance by which corners may leave the square of `overshoot_of`, as a multiple
-      of its side.
-    - `corners`, `height`, `width`: as in `overshoot_of`; the result has the unit of `corners`.
+    - `corners`: in multiples of `POSITION_UNIT` pixels, as in `LayersUnknowns`; so is the result.
+    - `overshoot`: a multiple of the longer side, as `overshoot_of` returns it.
+    - `height`, `width`: size of the canvas, in pixels.
     """
     side = max(height, width)
     low, high = -overshoot * side / POSITION_UNIT, (1 + overshoot) * side / POSITION_UNIT

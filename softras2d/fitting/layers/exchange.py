@@ -1,4 +1,4 @@
-"""Replace triangles by new ones in the arrays of a fit, whose lengths never change."""
+"""Exchange triangles: replace those that matter least by new ones, in arrays of fixed length."""
 
 from typing import Any, NamedTuple
 
@@ -14,10 +14,11 @@ from .placement import find_new_triangles, removal_costs
 from .unknowns import LayersUnknowns
 
 _EXPECTED_GAIN = 10.0
-"""Expected gain of a new triangle once it is fitted, as a multiple of its gain when it is added.
+"""Expected gain of a new triangle after it is fitted, as a multiple of its gain when it is added.
 
-A gain is the fall of the squared error, as in `placement`. A triangle is replaced by a new one if
-the expected gain exceeds the cost of its removal."""
+A gain is a fall of the squared error, and a cost is a rise (see `placement`). A triangle is
+replaced by a new one if the expected gain of the new one exceeds the cost of removing the old one.
+"""
 
 _NEW_OPACITY = 0.9
 """Opacity of new triangles in a fit of translucent ones."""
@@ -27,9 +28,9 @@ class Replacement(NamedTuple):
     """A change of the triangles of a fit: they are reordered, then some are replaced by new ones.
 
     - `order`: for each index in the new order, the index of the triangle in the old order.
-    - `first_replaced`: index, in the new order, of the first triangle to be replaced.
-    - `corners`, `colors`: the new flat triangles, with corners in pixels. They replace the
-      triangles `first_replaced`, `first_replaced + 1`, and so on.
+    - `first_replaced`: index, in the new order, of the first triangle that is replaced.
+    - `corners`, `colors`: the new flat triangles, with corners in pixels of the fit and colours in
+      0..1. They replace the triangles `first_replaced`, `first_replaced + 1`, and so on.
     """
 
     order: Int[np.ndarray, " triangles"]
@@ -38,7 +39,10 @@ class Replacement(NamedTuple):
     colors: Float[np.ndarray, "new 3"]
 
     def apply_to_unknowns(self, y: LayersUnknowns) -> LayersUnknowns:
-        """Return the unknowns with the triangles reordered and replaced."""
+        """Return the unknowns `y` with the triangles reordered and replaced.
+
+        If `y` has opacities, the new triangles have the opacity `_NEW_OPACITY`.
+        """
         return LayersUnknowns(
             self._in_array(y.corners, self.corners / POSITION_UNIT),
             self._in_array(y.colors, self.colors[:, None]),
@@ -46,10 +50,10 @@ class Replacement(NamedTuple):
         )
 
     def apply_to_optimizer_state(self, state: Any) -> Any:
-        """Return a solver's state with its arrays reordered like the triangles.
+        """Return a solver's state with its arrays reordered as the triangles are.
 
-        Only arrays with one entry for each triangle, spare ones included, along the first axis
-        change. The entries of new triangles become 0.
+        Only arrays change whose first axis has one entry for each triangle, spare ones included.
+        The entries of new triangles become 0.
         """
 
         def replace_in_leaf(leaf: Any) -> Any:
@@ -79,15 +83,18 @@ def find_exchange(
     circumradius: float,
     palette: Palette | None = None,
 ) -> Replacement | None:
-    """Find up to `count` triangles to remove, and as many new ones to draw in front.
+    """Find up to `count` triangles to remove, and as many new ones to draw in front of all others.
 
     Triangles whose removal raises the squared error least are paired with the new triangles that
-    lower it most. A pair is exchanged if `_EXPECTED_GAIN` times the gain of the new triangle
-    exceeds the cost of the removal; `placement` defines both. Returns None if no pair is exchanged.
+    lower the squared error most. A pair is exchanged if `_EXPECTED_GAIN` times the gain of the new
+    triangle exceeds the cost of the removal; `placement` defines gain and cost. Returns None if no
+    pair is exchanged.
 
+    - `y`: the unknowns, with frozen values in place.
+    - `image`: the image of the unknowns `y`, premultiplied.
+    - `target`, `background`: premultiplied, at the size of the fit.
     - `active`: number of triangles in use, which are the first ones of `y`.
-    - `image`, `target`, `background`: premultiplied; `image` shows the unknowns `y`.
-    - `circumradius`: typical circumradius of a new triangle, in pixels.
+    - `circumradius`: typical circumradius of a new triangle, in pixels of the fit.
     - `palette`: the colours that a new triangle may have; None: any.
     """
     length = len(y.corners)

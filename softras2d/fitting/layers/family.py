@@ -1,7 +1,7 @@
-"""The fit of layers: free triangles, which are added and moved where the error is large.
+"""The fit of layers: free triangles, which are added and moved to where the error is large.
 
-The arrays have one length for the whole fit: `spare` makes them. `schedule` says when triangles
-are added and exchanged.
+The arrays of triangles have one length for the whole fit: `sizes` and `spare` make them. `schedule`
+says when triangles are added and exchanged.
 """
 
 from collections.abc import Sequence
@@ -45,12 +45,12 @@ from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
 _NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
-"""Typical circumradius of a new triangle, as a multiple of `FitSizes.spacing`; and a further
-factor for the new triangles of an exchange."""
+"""Typical circumradius of a new triangle, as a multiple of `FitSizes.spacing`; and a further factor
+for the new triangles of an exchange."""
 
 
 class _EarlierBest(NamedTuple):
-    """The best unknowns before triangles were last replaced, and their loss."""
+    """The best unknowns before triangles were last added or replaced, and their loss."""
 
     loss: float
     y: LayersUnknowns
@@ -60,6 +60,8 @@ class LayersFit(AbstractFit):
     """A fit of free triangles, flat or with corner colours, opaque or translucent.
 
     - `height`, `width`: size of the fit in pixels.
+
+    The base class describes the other attributes and the methods.
     """
 
     data: LayersData
@@ -105,7 +107,11 @@ class LayersFit(AbstractFit):
         return self.request.settings["triangles"]
 
     def _initial_unknowns(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
-        """Make the unknowns to start from; return them and the number of triangles in use."""
+        """Make the unknowns to start from; return them and the number of triangles in use.
+
+        `start`: as in `FitRequest`. Raises `ValueError` for a start that does not suit a fit of
+        layers.
+        """
         count = self.max_triangles
         triangles = start_of(
             start, self.request.target, self._rng, triangles=count,
@@ -117,23 +123,24 @@ class LayersFit(AbstractFit):
     def _freeze(self, y: LayersUnknowns) -> None:
         """Freeze what the options `freeze` and `palette` ask for, at the values in `y`.
 
-        Colours are frozen because of a palette only once triangles have its colours.
+        With the option `palette`, colours are frozen only after triangles have got colours of the
+        palette.
         """
         if self.request.may_freeze:
             masks = frozen_fields(self.request, has_fixed_colors=self._is_quantized)
             self.data = self.data._replace(frozen=freeze(y, masks))
 
     def _with_frozen_values(self, y: LayersUnknowns) -> LayersUnknowns:
-        """Replace the frozen entries of `y` by the values at which they were frozen."""
+        """Replace the frozen numbers in `y` by the values at which they were frozen."""
         return with_frozen(y, self.data.frozen)
 
     def likely_scene(self) -> Scene:
-        """A scene of `max_triangles` random triangles, larger than new ones, and of spare ones."""
+        """A scene of `max_triangles` random triangles, larger than new ones, then spare ones."""
         return self._sizes.likely_scene(self.data.background)
 
     @property
     def _best(self) -> LayersUnknowns:
-        """The unknowns with the least loss so far, with the frozen ones at their values.
+        """The unknowns with the least loss so far, with frozen values in place.
 
         If no loss is known yet, they are the present unknowns.
         """
@@ -145,21 +152,21 @@ class LayersFit(AbstractFit):
         )
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The scene with the least loss so far.
+        """The scene with the least loss so far, in pixels of the fit.
 
         `padded`: keep the spare triangles, which lie outside the canvas.
         """
         return self._scene_of(self._best, slice(None if padded else self.active))
 
     def current_scene(self) -> Scene:
-        """The scene of the last unknowns, without spare triangles."""
+        """The scene of the present unknowns, in pixels of the fit, without spare triangles."""
         return self._scene_of(self._with_frozen_values(self.progress.y), slice(self.active))
 
     def go_on_from(self, scene: Scene) -> None:
-        """Take the triangles and the background of `scene`, and forget the best so far.
+        """Take the corners, colours and background of `scene`, and forget the best unknowns so far.
 
-        Frozen unknowns keep their values. If triangles have colours of the palette by now, each
-        colour is replaced by the nearest of the palette.
+        Frozen unknowns keep their values. If the triangles already have colours of the palette,
+        each colour is replaced by the nearest colour of the palette.
         """
         corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
         if self._is_quantized and self._palette is not None:
@@ -180,15 +187,15 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def _go_to(self, y: LayersUnknowns) -> None:
-        """Continue from the unknowns `y`, and forget the best so far."""
+        """Continue the solve from the unknowns `y`, and forget the best unknowns so far."""
         self._earlier_best = None
         progress = move(self.request.solver, self.residual, self.progress, y, self.data)
         self.progress = forget_best(progress)
 
     def _scene_of(self, y: LayersUnknowns, triangles: slice) -> Scene:
-        """Make the scene of a slice of the triangles of `y`, clipped to the canvas's neighbourhood.
+        """Make the scene of some triangles of `y`, clipped as `canvas.near_canvas` does.
 
-        If there is a palette, the scene has its colours.
+        If there is a palette, the scene has its colours. `triangles`: which triangles to take.
         """
         y = jax.tree.map(lambda leaf: leaf[triangles], y)
         background = self.data.background
@@ -213,8 +220,7 @@ class LayersFit(AbstractFit):
     def replan(self, reached: Sequence[tuple[LayersUnknowns, LayersData]]) -> LayersResidual:
         """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
 
-        It also has capacity for the likely scene. `reached`: pairs of unknowns and the data of the
-        fit that they are from.
+        The plan has capacity for `likely_scene`, too. `reached`: pairs `(unknowns, data)`.
         """
         scenes = [layers_scene(with_frozen(y, data.frozen), data.background) for y, data in reached]
         return LayersResidual(self._sizes.plan([self.likely_scene(), *scenes]), self.request.loss)
@@ -222,8 +228,8 @@ class LayersFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: sharpen edges; lower the learning rate, and clip corners to the neighbourhood
-        of the canvas; add or exchange triangles; fit the background; assign colours of the palette.
+        In this order: set the width of soft edges; lower the learning rate, and clip corners near
+        the canvas; add or exchange triangles; fit the background; assign colours of the palette.
         `share`: share of the fit that is done, 0..1.
         """
         self._sharpen(share)
@@ -241,7 +247,10 @@ class LayersFit(AbstractFit):
             self._quantize(self._palette)
 
     def _add_or_exchange(self, share: float) -> None:
-        """Add triangles until `max_triangles` are in use; after that, exchange some when due."""
+        """Add triangles until `max_triangles` are in use; after that, exchange some when it is due.
+
+        `share`: share of the fit that is done, 0..1.
+        """
         max_triangles = self.max_triangles
         count = schedule.triangles_to_add(share, self.active, max_triangles)
         if count:
@@ -253,12 +262,13 @@ class LayersFit(AbstractFit):
             self._exchange(schedule.triangles_to_exchange(share, max_triangles))
 
     def retarget(self, target: Target, data: LayersData) -> None:
-        """Begin a solve for another target of the same size, from the best unknowns so far.
+        """Begin a new solve for another target of the same size, from the best unknowns so far.
 
-        - `target`: at the size of the fit; the image is measured against it.
-        - `data`: the data for the solver, with the target and weights that it is to fit.
+        - `target`: the target, at the size of the fit, with which the image is compared for the
+          history.
+        - `data`: the data of the residual, with the target and weights that the solver is to fit.
 
-        From here on no triangle is added or exchanged.
+        After this call, no triangle is added or exchanged.
         """
         # With this start, `request.places_by_error` is false.
         settings = self.request.settings | {"start": choices.FROM_OBJECT}
@@ -267,9 +277,10 @@ class LayersFit(AbstractFit):
         self.progress = begin(self.request.solver, self.residual, y, data)
 
     def _sharpen(self, share: float) -> None:
-        """Set the width of soft edges for this share of the fit.
+        """Set the width of soft edges that the schedule gives for the share `share` of the fit.
 
-        Losses at different widths are not comparable, so a new width forgets the best so far.
+        Losses at different widths are not comparable. Therefore the best unknowns so far are
+        forgotten when the width changes.
         """
         width = schedule.edge_width(share, self._sizes.softness)
         if width != np.float32(self.data.width):
@@ -277,7 +288,7 @@ class LayersFit(AbstractFit):
             self._earlier_best, self.progress = None, forget_best(self.progress)
 
     def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Clip corners, in units of the unknowns, to the neighbourhood of the canvas."""
+        """Clip corners, in units of the unknowns, as `canvas.near_canvas` does."""
         return near_canvas(corners, self._overshoot, self.height, self.width)
 
     def _add(self, count: int) -> None:
@@ -297,7 +308,10 @@ class LayersFit(AbstractFit):
 
     @property
     def _placing_palette(self) -> Palette | None:
-        """The colours that a new triangle may have; None, for any, until colours are quantized."""
+        """The colours that a new triangle may have; None means any colour.
+
+        It is None until the triangles have got colours of the palette.
+        """
         return self._palette if self._is_quantized else None
 
     def _exchange(self, count: int) -> None:
@@ -312,9 +326,9 @@ class LayersFit(AbstractFit):
             self._replace(replacement)
 
     def _replace(self, replacement: Replacement) -> None:
-        """Carry out a replacement of triangles in the unknowns and in the solver's state.
+        """Add or replace triangles, as `replacement` says, in the unknowns and the solver's state.
 
-        The loss rises for a while afterwards, so the best unknowns before it are remembered.
+        The loss may rise for a while afterwards, so the best unknowns before it are remembered.
         """
         if np.isfinite(self.progress.best_loss):
             earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
@@ -333,8 +347,9 @@ class LayersFit(AbstractFit):
     def _fit_background(self) -> None:
         """Set the background to the colour that `palette.best_background` computes.
 
-        Losses with different backgrounds are not comparable, so a change forgets the best so far. A
-        change below `palette.LEAST_CHANGE` is not made.
+        Losses with different backgrounds are not comparable. Therefore the best unknowns so far are
+        forgotten when the background changes. Nothing is done if all channels would change by less
+        than `palette.LEAST_CHANGE`.
         """
         y, target = self._with_frozen_values(self.progress.y), self.request.target.premultiplied()
         data = self.data._replace(frozen=None)
@@ -348,10 +363,11 @@ class LayersFit(AbstractFit):
     def _quantize(self, palette: Palette) -> None:
         """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
-        The palette is improved too, unless the user gave it, and the background gets one of its
-        colours if `has_palette_background`. Losses with different frozen colours are not
-        comparable, so a change forgets the best so far. After the first call, changes of the
-        colours and the palette below `palette.LEAST_CHANGE` are not made.
+        The palette is improved, too, unless the user gave its colours. The background gets a colour
+        of the palette if `has_palette_background` says so. Losses with different frozen colours are
+        not comparable. Therefore the best unknowns so far are forgotten when colours change. After
+        the first call, nothing is done if all colours and the palette would change by less than
+        `palette.LEAST_CHANGE`.
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(
@@ -369,14 +385,14 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays that `saved.pack` and `steered_state` make, by name."""
+        """Return the arrays, by name, that `saved.pack` and `steered_state` make."""
         earlier = self._earlier_best
         best = None if earlier is None else (earlier.loss, earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` saved, after the unknowns have been restored."""
+        """Restore what `family_state` returned; the unknowns have been restored before."""
         # Names in the file format do not change when fields are renamed.
         self._background, self._overshoot = arrays["background"], float(arrays["beyond"])
         self.data = self.data._replace(

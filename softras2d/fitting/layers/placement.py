@@ -1,9 +1,10 @@
 """Find where new triangles lower the error most, and what the removal of each existing one costs.
 
 The error is the squared error of sRGB values, premultiplied if there is alpha, weighted and summed
-over pixels and channels. A gain is its fall, and a cost its rise. Both are computed on the host
-with one sample per pixel. With such coverage the error with and without a triangle is known
-exactly, so that gains and costs can be compared.
+over pixels and channels. A *gain* is its fall when a triangle is added, and a *cost* is its rise
+when a triangle is removed. Both are computed on the host with one sample per pixel, at its centre.
+With such coverage the error with and without a triangle is known exactly, so that gains and costs
+can be compared.
 """
 
 from typing import NamedTuple
@@ -22,19 +23,21 @@ Corners = Float[np.ndarray, "triangles 3 2"]
 """Corners of triangles, `(x, y)` in pixels of the fit."""
 
 _TRIES = 24
-"""Number of candidates that are drawn at random for each new triangle."""
+"""Number of random candidates for each new triangle."""
 
 _MAX_PAIRS = 2.0**21
 """Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""
 
 _ROUNDING = 1e-9
-"""A gain below this times the number of pixels of the image may be a rounding error."""
+"""Least gain of a new triangle, as a multiple of the number of pixels of the image.
+
+A smaller gain may be a rounding error."""
 
 
 class NewTriangles(NamedTuple):
     """New flat triangles.
 
-    - `corners`: in pixels, of positive orientation.
+    - `corners`: in pixels of the fit, of positive orientation (see `mesh.triangulation`).
     - `colors`: RGB in 0..1.
     - `gains`: by how much drawing each triangle alone lowers the squared error.
     """
@@ -56,9 +59,10 @@ def find_new_triangles(
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
     Candidates are made where the squared error is large, each in the weighted mean colour of the
-    target inside it. The chosen ones hardly overlap, so that their gains add up. Fewer are
-    returned, or none, if too few gain anything.
+    target inside it. The chosen ones hardly overlap, so that their gains add up. Fewer than
+    `count`, or none, are returned if too few candidates lower the error.
 
+    - `rng`: source of the random choices.
     - `image`, `target`: sRGB, or premultiplied sRGB with alpha as the fourth channel.
     - `circumradius`: typical circumradius of a candidate, in pixels.
     - `palette`: the colours that a triangle may have; None: any.
@@ -89,10 +93,10 @@ def find_new_triangles(
 def random_triangles(
     rng: np.random.Generator, centers: Float[np.ndarray, "triangles 2"], circumradius: float
 ) -> Corners:
-    """Make random triangles of positive orientation around the given centres.
+    """Make a random triangle of positive orientation around each of the given centres.
 
-    They are equilateral with a circumradius near `circumradius`, then rotated and stretched at
-    random, which keeps their areas. Centres and `circumradius` are in pixels.
+    Each triangle is equilateral with a circumradius near `circumradius`, then rotated and stretched
+    at random, which keeps its area. Centres and `circumradius` are in pixels; so is the result.
     """
     count = len(centers)
     angle = rng.uniform(0, 2 * np.pi, (count, 1)) + 2 * np.pi / 3 * np.arange(3)
@@ -107,9 +111,10 @@ def random_triangles(
 
 
 def _blocks(corners: Corners, pixels: int) -> list[slice]:
-    """Split candidates into consecutive blocks that together cover about `_MAX_PAIRS` pixels each.
+    """Split candidates into consecutive blocks that cover about `_MAX_PAIRS` pixels each.
 
-    `pixels`: number of pixels of the image, the most that a candidate covers.
+    - `corners`: the candidates, with corners in pixels and positive orientation.
+    - `pixels`: number of pixels of the image, the most that a candidate can cover.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     block = np.cumsum(np.minimum(area, pixels)) // _MAX_PAIRS
@@ -126,9 +131,10 @@ def _colors_and_gains(
 ) -> tuple[Float[np.ndarray, "triangles 3"], Float[np.ndarray, " triangles"]]:
     """Compute each candidate's best RGB colour, and by how much it lowers the squared error.
 
+    - `corners`: the candidates, with corners in pixels.
     - `target`: premultiplied if there is alpha.
-    - `error`: the weighted squared error of each pixel, summed over channels, before anything is
-      drawn.
+    - `error`: the weighted squared error of each pixel before the candidate is drawn, summed over
+      channels.
     - `weights`: factor for the squared error of each pixel.
     - `palette`: the colours to choose from; None: any.
     """
@@ -157,9 +163,13 @@ def removal_costs(
 ) -> Float[np.ndarray, " triangles"]:
     """Compute, for each triangle, by how much the squared error rises if it alone is removed.
 
-    The cost of a hidden triangle is 0, and the cost of one that raises the error is below 0. Later
-    triangles lie in front. Colours and opacities are in 0..1; `opacity` None: all are opaque.
-    `target` and `background` are premultiplied.
+    The cost of a hidden triangle is 0. The cost is negative for a triangle that makes the error
+    larger.
+
+    - `corners`: in pixels of the fit. Later triangles lie in front.
+    - `colors`, `opacity`: in 0..1; one or three colours for each triangle. `opacity` None: all are
+      opaque.
+    - `target`, `background`: premultiplied.
     """
     height, width, channels = target.image.shape
     pairs = soup_pixels(corners, height=height, width=width)
@@ -194,10 +204,11 @@ def removal_costs(
 
 
 def soup_pixels(corners: Corners, *, height: int, width: int) -> PixelWeights:
-    """Find the pixel centres in each triangle, of either orientation; triangles may overlap.
+    """Find the pixels whose centres lie in each of a number of independent triangles.
 
-    A triangle without area, or with a corner that is not finite, has none. The barycentric weights
-    are in the order of the given corners.
+    The triangles may overlap and have either orientation; corners are in pixels. A triangle without
+    area, or with a corner that is not finite, has no pixels. The barycentric weights are in the
+    order of the given corners.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     is_usable = np.isfinite(area) & (np.abs(area) > 1e-6)

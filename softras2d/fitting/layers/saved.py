@@ -1,4 +1,4 @@
-"""Write, read and check the entries of a saved fit that only layers have."""
+"""Save, read and check the arrays of a saved fit that only layers have."""
 
 import json
 from typing import Any
@@ -18,14 +18,15 @@ def pack(
     background: np.ndarray,
     rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """Make the entries, which are arrays by name.
+    """Return the arrays, by name, that are saved for a fit of layers only.
 
-    - `kept`, `kept.0`, ...: loss and unknowns of `best`, the best before triangles were last
-      replaced. They are absent if `best` is None.
-    - `beyond`: `overshoot`, as in `canvas.near_canvas`.
+    - `best`: loss and unknowns of the best before triangles were last added or replaced, or None.
+      They are saved as the arrays `kept` and `kept.0`, `kept.1`, ..., which are absent for None.
+    - `overshoot`: how far corners may lie outside the canvas, as in `canvas.near_canvas`. It is
+      saved as the array `beyond`.
     - `width`: the width of soft edges, in pixels of the fit.
     - `background`: the colour of the background, with straight alpha.
-    - `random`: the state of the random generator `rng`, as JSON.
+    - `rng`: the random generator, whose state is saved as JSON in the array `random`.
     """
     arrays: dict[str, np.ndarray] = {}
     if best is not None:
@@ -43,9 +44,12 @@ def pack(
 def unpack_best(
     y: LayersUnknowns, arrays: dict[str, np.ndarray]
 ) -> tuple[float, LayersUnknowns] | None:
-    """Read the loss and unknowns that `pack` was given as `best`; None if there are none.
+    """Read the loss and unknowns that `pack` got as `best`; None if it got None.
 
-    Raises `ValueError` unless the arrays have the shapes and types of the arrays in `y`.
+    - `y`: unknowns with the shapes and types that the saved ones must have.
+    - `arrays`: all arrays of the saved state, by name.
+
+    Raises `ValueError` for another shape or type.
     """
     if "kept" not in arrays:
         return None
@@ -53,22 +57,28 @@ def unpack_best(
 
 
 def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -> None:
-    """Set a random generator to the saved state."""
+    """Set the state of a random generator to the saved state in the array `random`."""
     rng.bit_generator.state = json.loads(arrays["random"].tobytes().decode())
 
 
 def length_of(arrays: dict[str, Any]) -> int:
-    """Number of triangles in the arrays of a saved fit, spare ones included."""
+    """Number of triangles in the arrays of a saved fit of layers, spare ones included.
+
+    `arrays`: all arrays of the saved state, by name.
+    """
     return len(arrays["solve.0"])
 
 
 def check_layers_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries that `pack` made; raise `ValueError` for a fault.
+    """Check the arrays that `pack` returned; raise `ValueError` for a fault.
 
-    Returns the shapes of the arrays of `LayersUnknowns`, in order. See `Family.check_state` for the
-    arguments.
+    Returns the shapes of the arrays of `LayersUnknowns`, in order.
+
+    - `entries`: the arrays of the saved fit. Those that are checked are removed.
+    - `settings`, `size`: the settings and the size of the fit.
+    - `active`: number of triangles in use, which is not needed here.
     """
     corners = 1 if settings["shading"] == "flat" else 3
     count = settings["triangles"]

@@ -1,4 +1,4 @@
-"""Make the arrays of a fit, whose length never changes: triangles in use first, then spare ones.
+"""Make the arrays of a fit, whose length never changes: triangles in use, followed by spare ones.
 
 Spare triangles are not in use yet. They lie so far outside the canvas that their soft edges do not
 reach it, and cost almost nothing.
@@ -12,17 +12,18 @@ from .start import LayersStart
 from .unknowns import LayersUnknowns
 
 _SPARE_PIXELS, _SPARE_WIDTHS = -16.0, -4.0
-"""Both coordinates of the corners of spare triangles, in pixels, are
-`_SPARE_PIXELS + _SPARE_WIDTHS * width` with the largest width of soft edges in the fit."""
+"""Both coordinates of the corners of spare triangles, in pixels of the fit, are `_SPARE_PIXELS +
+_SPARE_WIDTHS * width`, where `width` is the largest width of soft edges in the fit."""
 
 
 def padded_unknowns(
     triangles: LayersStart, length: int, *, max_edge_width: float, translucent: bool
 ) -> LayersUnknowns:
-    """Make unknowns of `length` triangles: those in use, followed by spare ones in the arrays.
+    """Make unknowns of `length` triangles: the given ones, in use, followed by spare ones.
 
-    - `max_edge_width`: the largest width of a soft edge in the fit, in pixels.
-    - `translucent`: whether the triangles have an opacity.
+    - `triangles`: the triangles in use, at most `length`.
+    - `max_edge_width`: the largest width of a soft edge in the fit, in pixels of the fit.
+    - `translucent`: whether the unknowns have opacities.
     """
     active, colors_per_triangle = len(triangles.corners), triangles.colors.shape[1]
     spare_position = _SPARE_PIXELS + _SPARE_WIDTHS * max_edge_width

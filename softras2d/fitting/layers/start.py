@@ -1,4 +1,4 @@
-"""Triangles from which a fit of layers starts: none, random, a Delaunay mesh, or a scene."""
+"""The triangles from which a fit of layers starts: none, random, a Delaunay mesh, or a scene."""
 
 from typing import NamedTuple
 
@@ -16,11 +16,11 @@ _OPACITY = 0.8
 
 
 class LayersStart(NamedTuple):
-    """The triangles in use at the start, which may be none.
+    """The triangles that are in use at the start of a fit of layers; there may be none.
 
     - `corners`: in pixels of the fit.
-    - `colors`: in 0..1; one for each triangle (flat), or one for each of its corners.
-    - `opacity`: in 0..1.
+    - `colors`: in 0..1; one colour for each triangle, or one for each of its corners.
+    - `opacity`: in 0..1, one for each triangle.
     """
 
     corners: Float[np.ndarray, "triangles 3 2"]
@@ -38,10 +38,12 @@ def start_of(
     translucent: bool,
     circumradius: float,
 ) -> LayersStart:
-    """Make at most `triangles` triangles to start from; none for the start `"error"`.
+    """Make at most `triangles` triangles from which a fit starts; none for the start `"error"`.
 
-    - `start`: the option `start`; a scene in pixels of the fit.
-    - `gouraud`: whether triangles have one colour per corner, or else one colour.
+    - `start`: a name that the option `start` accepts, or a scene in pixels of the fit.
+    - `target`: the target at the size of the fit.
+    - `rng`: source of the random choices.
+    - `gouraud`: whether a triangle has three corner colours; otherwise it has one colour.
     - `translucent`: whether the opacity of triangles is fitted. If not, a scene must be opaque.
     - `circumradius`: typical circumradius of the triangles of a `"uniform"` start, in pixels.
 
@@ -67,12 +69,12 @@ def start_of(
 def background_of(
     option: str | list[float], start: str | Scene, target: Target
 ) -> Float[np.ndarray, " channels"]:
-    """Background at the start of the fit, with as many channels as the target.
+    """Choose the background at the start of the fit, with as many channels as the target.
 
-    `option` is the option `background`: a colour, or `"transparent"`, is the background itself. For
-    `"mean"` and `"fit"`, a scene to start from gives its background. Without such a scene, the
-    background is transparent for a target with alpha, or else the weighted mean colour of the
-    target. Raises `ValueError` for `"fit"` and a target with alpha.
+    `option` is the value of the option `background`. A colour is returned, with alpha 1 if the
+    target has alpha; `"transparent"` gives zeros. For `"mean"` and `"fit"`, the background is that
+    of `start` if this is a scene. Otherwise it is transparent if the target has alpha, and else the
+    weighted mean colour of the target. Raises `ValueError` for `"fit"` and a target with alpha.
     """
     channels = target.image.shape[-1]
     if isinstance(option, list):
@@ -96,9 +98,10 @@ def background_of(
 def _random(
     target: Target, rng: np.random.Generator, triangles: int, circumradius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Make random triangles, each in the colour of the pixel at its centre.
+    """Make random triangles, each in the colour of the target's pixel at its centre.
 
-    Returns their corners, in pixels, and one colour for each.
+    Returns the corners, in pixels, and one colour for each triangle. `circumradius`: typical
+    circumradius of a triangle, in pixels.
     """
     height, width = target.image.shape[:2]
     centers = rng.random((triangles, 2)) * [width, height]
@@ -112,7 +115,8 @@ def _delaunay(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Make the triangles of a Delaunay mesh, with the colours of least squared error.
 
-    Returns their corners, in pixels, and one or (`gouraud`) three colours for each.
+    At most `triangles` triangles are made. Returns their corners, in pixels, and one colour for
+    each, or three if `gouraud`.
     """
     # A mesh of v vertices has 2 v - 6 triangles at most: when only four lie on the border.
     vertices = max(4, (triangles + 6) // 2)
@@ -126,10 +130,11 @@ def _delaunay(
 
 
 def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
-    """Take the triangles of a scene, whose opacity is the mean alpha of their corners.
+    """Take the triangles of a scene; the opacity of a triangle is the mean alpha of its corners.
 
-    Raises `ValueError` if there are more than `triangles`, or if they have a property that is not
-    fitted.
+    Raises `ValueError` if the scene has more than `triangles` triangles, numbers that are not
+    finite, or a property that is not fitted. That is translucency unless `translucent`, textures,
+    depth, or perspective.
     """
     count = scene.triangles.shape[0]
     if count > triangles:
@@ -149,9 +154,9 @@ def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) 
 
 
 def _for_shading(colors: np.ndarray, gouraud: bool) -> np.ndarray:
-    """Convert colours, one or three per triangle, to three for Gouraud shading, or else to one.
+    """Convert one or three colours per triangle to three if `gouraud` is true, else to one.
 
-    The one colour is the mean of the three.
+    One colour is repeated at the three corners; three colours are replaced by their mean.
     """
     if gouraud:
         return np.broadcast_to(colors, (len(colors), 3, 3))

@@ -1,4 +1,4 @@
-"""What the options `freeze`, `palette` and `background` decide in a fit of layers."""
+"""Which unknowns of layers are frozen, and whether the background has a colour of the palette."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,14 +7,16 @@ from ..family import FitRequest
 from ..frozen import Mask
 
 _FIELDS = {"positions": "corners", "colors": "colors", "opacity": "opacity"}
-"""For each name in the option `freeze` that freezes a whole field of the unknowns, that field."""
+"""The field of `LayersUnknowns` that each of these names in the option `freeze` freezes."""
 
 
 def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, bool | Mask]:
-    """Return which unknowns are frozen, by field of `LayersUnknowns`, as `frozen.freeze` takes it.
+    """Return which unknowns are frozen, as the argument `masks` of `frozen.freeze`.
 
-    A frozen field has True, and a field in which some triangles are frozen has their mask.
-    `has_fixed_colors`: whether all colours are frozen, because the palette decides them.
+    The keys are fields of `LayersUnknowns`. A field that is frozen has the value True; a field of
+    which only some triangles are frozen has their mask; other fields are absent.
+
+    `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     """
     groups, triangles = request.settings["freeze"], request.masks.get("triangles")
     fields: dict[str, bool | Mask] = {}
@@ -27,11 +29,12 @@ def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, b
 
 
 def has_palette_background(request: FitRequest, background: Float[np.ndarray, " channels"]) -> bool:
-    """Whether the background gets a colour of the palette.
+    """Whether the background must have a colour of the palette.
 
-    It does if there is a palette and the fit chooses the background. A colour that the user gave,
+    It must if there is a palette and the fit chooses the background. A colour that the user gave,
     the background of a scene to start from, and a transparent background stay as they are.
-    `background`: the present one.
+
+    `background`: the present background.
     """
     setting = request.settings["background"]
     is_given = setting != "fit" and request.starts_from_object

@@ -18,8 +18,9 @@ class LayersUnknowns(NamedTuple):
     """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
     - `corners`: positions in pixels of the fit, divided by `POSITION_UNIT`.
-    - `colors`: one per triangle, or one per corner; drawn clipped to 0..1.
-    - `opacity`: one per triangle, drawn clipped to 0..1; None: all are opaque.
+    - `colors`: one colour per triangle, or one per corner; they are clipped to 0..1 when drawn.
+    - `opacity`: one number per triangle, clipped to 0..1 when drawn; None: all triangles are
+      opaque.
     """
 
     corners: Float[Array, "triangles 3 2"]
@@ -28,19 +29,19 @@ class LayersUnknowns(NamedTuple):
 
 
 def layers_of(leaves: list[Any]) -> LayersUnknowns:
-    """Make the unknowns from their leaves: two for opaque triangles, three for translucent ones."""
+    """Make the unknowns from the list of their arrays; opaque triangles have no third array."""
     corners, colors, *opacity = leaves
     return LayersUnknowns(corners, colors, opacity[0] if opacity else None)
 
 
 class LayersData(NamedTuple):
-    """Arrays that may change between chunks without compiling again.
+    """The data of the residual: arrays that may change between chunks without compiling again.
 
     - `target`: the target at the size of the fit, as `Loss.prepare` returns it.
     - `weights`: factor for the squared or absolute error of each pixel; None: all are 1.
     - `background`: colour behind all triangles, with straight alpha.
     - `width`: width of the soft edges, in pixels of the fit.
-    - `frozen`: unknowns that the solver does not change; None: it changes all.
+    - `frozen`: unknowns that the solver must not change, with their values; None: there are none.
     """
 
     target: Float[Array, "height width channels"]
@@ -51,7 +52,7 @@ class LayersData(NamedTuple):
 
 
 def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit, with their triangles in their order."""
+    """Make the scene of the unknowns, in pixels of the fit, with their triangles in draw order."""
     count = y.corners.shape[0]
     colors = clip_straight_through(y.colors)
     if y.opacity is not None:
@@ -63,10 +64,13 @@ def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Sc
 
 
 class LayersResidual(eqx.Module):
-    """Maps unknowns and data to the residual or loss, the image, and whether it outgrew the plan.
+    """The function that the solver minimises in a fit of layers (see `AbstractFit.residual`).
+
+    It draws the unknowns, and returns `(out, (image, outgrown))`: the residual or the scalar loss
+    of the image, the image, and whether the scene needs more capacity than the plan has.
 
     - `plan`: for the size of the fit, with soft coverage. `LayersData.width` replaces its width.
-    - `loss`: the error of the image, as a residual or a scalar.
+    - `loss`: the error of the image.
     """
 
     plan: Plan

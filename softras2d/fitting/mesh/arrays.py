@@ -18,8 +18,10 @@ from .triangulation import Mesh, least_altitudes
 from .unknowns import MeshData, MeshUnknowns
 
 _SCALE_PER_ALTITUDE, _MIN_SCALE = 0.3, 0.02
-"""The scale of a vertex is `clip(_SCALE_PER_ALTITUDE * altitude, _MIN_SCALE, 1)` in units of
-`POSITION_UNIT`, where `altitude` is the least altitude of its triangles in pixels."""
+"""Numbers that define the scale of a vertex, `MeshData.scale`.
+
+In units of `POSITION_UNIT`, it is `clip(_SCALE_PER_ALTITUDE * altitude, _MIN_SCALE, 1)`, where
+`altitude` is the least altitude of the triangles around the vertex, in pixels of the fit."""
 
 
 def data_and_unknowns(

@@ -13,23 +13,24 @@ from .pixel_weights import pixel_weights
 from .triangulation import Mesh, greedy_disjoint, is_bound, make_mesh, signed_areas
 
 LEAST_AREA = 0.5
-"""Least area, after a collapse, of the triangles that it changes, in square pixels."""
+"""Least area, in square pixels, that a collapse may leave to a triangle that it changes."""
 
 _EXAMINED = 3
-"""Number of candidates for each vertex to be removed whose exact cost is computed."""
+"""Number of candidates, for each vertex to be removed, whose exact cost is computed."""
 
 
 class Collapses(NamedTuple):
     """Candidate collapses, each of which moves a vertex onto a neighbour and thereby removes it.
 
-    There is one entry for each pair of a candidate and a triangle around its vertex. Entries are
-    sorted by candidate. Triangles that also contain the neighbour vanish; the others are changed.
+    A collapse concerns every triangle around its vertex. A triangle that also contains the
+    neighbour vanishes; the others remain and are changed. There is one *entry* for each pair of a
+    candidate and a triangle around its vertex. Entries are sorted by candidate.
 
-    - `vertex`, `neighbor`: the vertex that each candidate removes, and the vertex that it is moved
-      onto.
-    - `candidate`, `triangle`: index of the candidate and of the triangle of each entry.
-    - `corners_after`: the three vertices of the entry's triangle after the collapse.
-    - `remains`: whether the entry's triangle remains, rather than vanishes.
+    - `vertex`, `neighbor`: for each candidate, the vertex that it removes, and the vertex onto
+      which it moves that one.
+    - `candidate`, `triangle`: for each entry, the index of its candidate and of its triangle.
+    - `corners_after`: for each entry, the three vertices of its triangle after the collapse.
+    - `remains`: for each entry, whether its triangle remains, rather than vanishes.
     """
 
     vertex: Int[np.ndarray, " candidates"]
@@ -40,7 +41,7 @@ class Collapses(NamedTuple):
     remains: Bool[np.ndarray, " entries"]
 
     def take(self, chosen: Int[np.ndarray, " chosen"]) -> "Collapses":
-        """Return the candidates with the indices in `chosen`, in this order."""
+        """Return only the candidates with the indices in `chosen`, in this order."""
         rank = np.full(len(self.vertex), -1)
         rank[chosen] = np.arange(len(chosen))
         entries = np.flatnonzero(rank[self.candidate] >= 0)
@@ -57,7 +58,7 @@ class Collapses(NamedTuple):
     def sum_by_candidate(
         self, values: Float[np.ndarray, " entries"] | Bool[np.ndarray, " entries"]
     ) -> Float[np.ndarray, " candidates"]:
-        """Sum `values`, one for each entry, over the entries of each candidate."""
+        """Sum `values`, which has one number for each entry, over the entries of each candidate."""
         # Without entries, `bincount` would give integers.
         return np.bincount(self.candidate, values, len(self.vertex)).astype(np.float64)
 
@@ -70,15 +71,15 @@ def collapse(
     model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Remove up to `count` vertices, those whose removal raises the squared error least.
+    """Remove up to `count` vertices, whose removal raises the squared error least.
 
-    The squared error is weighted and summed over pixels and channels. The corners of the canvas
-    stay, and a vertex on a side is moved along that side. No two removed vertices share a triangle.
-    Exact costs are computed only for the candidates with the least estimated cost (see
-    `_estimated_costs` and `_exact_costs`). Fewer vertices are removed if there are too few allowed
-    collapses.
+    Each is moved onto a neighbour. The squared error is weighted and summed over pixels and
+    channels. The corners of the canvas stay, and a vertex on a side is moved along that side. No
+    two removed vertices share a triangle. Exact costs are computed only for the candidates with the
+    least estimated cost. Fewer vertices are removed if there are too few allowed collapses.
 
-    - `model`: the colour model whose squared error counts.
+    - `mesh`, `target`: in pixels of the fit.
+    - `model`: the colour model (see `colors`) for which the squared error is computed.
     - `least_area`: least area of a changed triangle, in square pixels.
 
     **Source:** Hoppe et al., *Mesh optimization* (1993), for the half-edge collapse.
@@ -101,9 +102,9 @@ def collapse(
 def _candidates(mesh: Mesh, least_area: float) -> Collapses:
     """List every allowed collapse of a vertex onto a neighbour.
 
-    A vertex on a side of the canvas may only move along that side, and a corner of the canvas not
-    at all. Every changed triangle must keep its orientation, and an area of at least `least_area`
-    square pixels.
+    A vertex on a side of the canvas may only move along that side, and a corner of the canvas may
+    not move. Every triangle that the collapse changes must keep its orientation, and have an area
+    of at least `least_area` square pixels.
     """
     triangles, positions = mesh.triangles, mesh.positions
     pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
@@ -130,9 +131,10 @@ def _candidates(mesh: Mesh, least_area: float) -> Collapses:
 def _rank_in_group(
     sizes: Int[np.ndarray, " groups"],
 ) -> tuple[Int[np.ndarray, " entries"], Int[np.ndarray, " entries"]]:
-    """Number the entries of consecutive groups of the given sizes.
+    """Number the entries of consecutive groups that have the given sizes.
 
-    Returns the group of each entry, and its rank within the group, from 0.
+    Returns two integers for each entry: the index of its group, and its rank within the group, from
+    0.
     """
     group = np.repeat(np.arange(len(sizes)), sizes)
     return group, np.arange(len(group)) - (np.cumsum(sizes) - sizes)[group]
@@ -141,7 +143,7 @@ def _rank_in_group(
 def _vertex_colors(
     mesh: Mesh, target: Target, evaluation: Evaluation
 ) -> Float[np.ndarray, "vertices channels"]:
-    """Return one colour per vertex, of least squared error, for any evaluated colour model."""
+    """Return one colour per vertex, of least squared error, whatever colour model was evaluated."""
     if evaluation.model == "vertex":
         return evaluation.colors
     return solve_from_moments(mesh, target.image, evaluation.moments, "vertex")
@@ -150,11 +152,12 @@ def _vertex_colors(
 def _estimated_costs(
     mesh: Mesh, collapses: Collapses, vertex_colors: Float[np.ndarray, "vertices channels"]
 ) -> Float[np.ndarray, " candidates"]:
-    """Estimate the rise in squared error of each collapse from the colour at the removed vertex.
+    """Estimate the rise in squared error of each collapse from the colours of vertices.
 
-    The squared difference between the vertex's colour and the colour interpolated there after the
-    collapse is multiplied by the integral of the squared hat function of the vertex, which is 1 at
-    the vertex and falls linearly to 0 at its neighbours.
+    The estimate is a product of two factors. The first is the squared difference between the colour
+    of the removed vertex and the colour that is interpolated at its position after the collapse.
+    The second is the integral of the squared hat function of the vertex, which is 1 at the vertex
+    and falls linearly to 0 at its neighbours.
     """
     positions = mesh.positions
     a, b, c = positions[collapses.corners_after].transpose(1, 0, 2)
@@ -178,10 +181,10 @@ def _estimated_costs(
 def _exact_costs(
     mesh: Mesh, target: Target, evaluation: Evaluation, collapses: Collapses
 ) -> Float[np.ndarray, " candidates"]:
-    """Rise in squared error of each collapse, summed over the triangles around its vertex.
+    """Compute the rise in squared error of each collapse, from the triangles around its vertex.
 
-    With one colour per vertex, all colours stay fixed. With the other models, the colours of the
-    changed triangles are solved anew.
+    With one colour per vertex, all colours stay fixed. With the other colour models, the colours of
+    the changed triangles are solved for.
     """
     changed = collapses.corners_after[collapses.remains]
     pairs = pixel_weights(mesh.positions, changed, height=mesh.height, width=mesh.width)
@@ -198,7 +201,7 @@ def _exact_costs(
 
 
 def _triangles_around(collapses: Collapses) -> Int[np.ndarray, "candidates degree"]:
-    """List the triangles around each candidate's vertex, one row for each, padded with -1."""
+    """List the triangles around each candidate's vertex, in one row, filled up with -1."""
     degree = np.bincount(collapses.candidate, minlength=len(collapses.vertex))
     _, rank = _rank_in_group(degree)
     table = np.full((len(collapses.vertex), degree.max(initial=1)), -1)
@@ -207,7 +210,7 @@ def _triangles_around(collapses: Collapses) -> Int[np.ndarray, "candidates degre
 
 
 def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
-    """Carry out all of these collapses; no two of them may change the same triangle."""
+    """Carry out all of the given collapses; no two of them may change the same triangle."""
     unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
     triangles = np.concatenate([unchanged, collapses.corners_after[collapses.remains]])
     stays: Bool[np.ndarray, " vertices"] = np.ones(len(mesh.positions), bool)

@@ -1,8 +1,9 @@
 """Colours of a mesh by least squares, and the image that they make at the pixel centres.
 
-There are three colour models: one colour per vertex (`"vertex"`, continuous across edges), one per
-triangle (`"triangle"`), and one per corner of each triangle (`"linear"`, in which each channel is a
-linear function of position in each triangle). A pixel of the image has the colour at its centre.
+There are three colour models. `"vertex"` has one colour per vertex, so that the image is continuous
+across edges. `"triangle"` has one colour per triangle. `"linear"` has one colour per corner of each
+triangle, so that each channel is a linear function of position in each triangle. A pixel of the
+image has the colour at its centre.
 
 In all modules of this folder, the squared error is computed from sRGB values, multiplied by the
 weights of the pixels, and summed over pixels and channels.
@@ -20,25 +21,25 @@ from .pixel_weights import PixelWeights, pixel_weights
 from .triangulation import Mesh, Triangles
 
 ColorModel = Literal["vertex", "triangle", "linear"]
-"""Which vertices or triangles share a colour; see the module."""
+"""The colour model: one colour per vertex, per triangle, or, for `"linear"`, per triangle corner."""
 
 Colors = Float[np.ndarray, "..."]
-"""Colours of a model: `[vertices, channels]`, `[triangles, channels]` or `[triangles, 3, channels]`
-for `"vertex"`, `"triangle"` and `"linear"`."""
+"""Colours of a mesh: `[vertices, channels]` for the colour model `"vertex"`, `[triangles,
+channels]` for `"triangle"`, and `[triangles, 3, channels]` for `"linear"`."""
 CornerColors = Float[np.ndarray, "triangles 3 channels"]
 """One colour for each corner of each triangle."""
 
 RIDGE = 1e-4
 """Weight of an initial guess of each colour, relative to the weight 1 of a pixel.
 
-The guess decides the colours that the pixels leave open."""
+The guess decides colours that the pixels do not determine."""
 
 
 class Moments(NamedTuple):
     """Sums over the pixels of each triangle, from which colours and squared errors are computed.
 
-    Let w be the three barycentric weights of a pixel centre, t the target's channels there, and e
-    the weight of the pixel's error.
+    At a pixel centre, let w be the vector of its three barycentric weights, t the vector of the
+    target's channels, and e the weight of the pixel's error.
 
     - `matrix`: sums of e w w^T.
     - `weighted_target`: sums of e w t^T, the right-hand side of the normal equations.
@@ -55,10 +56,11 @@ def color_moments(
     values: Float[np.ndarray, "channels pairs"],
     error_weights: Float[np.ndarray, " pairs"] | None = None,
 ) -> Moments:
-    """Compute the moments of each triangle.
+    """Compute the moments of each triangle, which are sums over its pixels.
 
-    `values`, `error_weights`: the target and the weight of the error at each pair's pixel, as
-    `target_at_pairs` returns them; `error_weights` None: all are 1.
+    - `pairs`: all pairs of a triangle and a pixel whose centre lies in it.
+    - `values`: the target at the pixel of each pair, as `target_at_pairs` returns it.
+    - `error_weights`: the weight of the error at the pixel of each pair; None: all are 1.
     """
     w = pairs.weights
     scaled = w if error_weights is None else w * error_weights
@@ -77,8 +79,11 @@ def color_moments(
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
     """Compute the colours of least squared error at the pixel centres, not clipped to 0..1.
 
-    Where the pixels leave colours open, a vertex takes the colour of the pixel under it, and a
-    triangle becomes flat.
+    Where the pixels do not determine a colour, a vertex takes the colour of the pixel under it, and
+    a triangle gets one colour at all corners.
+
+    - `mesh`, `target`: in pixels of the fit.
+    - `model`: the colour model of the result.
     """
     pairs = mesh_pixels(mesh)
     moments = color_moments(pairs, *target_at_pairs(pairs, target))
@@ -86,14 +91,17 @@ def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") ->
 
 
 def mesh_pixels(mesh: Mesh) -> PixelWeights:
-    """Find the pixel centres in each triangle of the mesh."""
+    """Find the pixels whose centres lie in each triangle of the mesh."""
     return pixel_weights(mesh.positions, mesh.triangles, height=mesh.height, width=mesh.width)
 
 
 def target_at_pairs(
     pairs: PixelWeights, target: Target
 ) -> tuple[Float[np.ndarray, "channels pairs"], Float[np.ndarray, " pairs"] | None]:
-    """Gather the target's image and weight at each pair's pixel; no weights give None."""
+    """Gather the target's channels and its weight at the pixel of each pair.
+
+    The second result is None if the target has no weights.
+    """
     image, weights = target
     values = image.reshape(-1, image.shape[2]).T.astype(np.float64)[:, pairs.pixel]
     if weights is None:
@@ -102,9 +110,9 @@ def target_at_pairs(
 
 
 def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorModel) -> Colors:
-    """Solve for colours as `solve_colors` does, from the moments of each triangle.
+    """Compute the colours that `solve_colors` does, from the moments of each triangle.
 
-    `image`: the target, whose pixels are the initial guess.
+    `image`: the target's image, whose pixels are the initial guess of the colours.
     """
     if model == "vertex":
         guess = _pixels_at(image, mesh.positions)
@@ -123,10 +131,10 @@ def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorM
 def solve_planes(
     moments: Moments, mean: Float[np.ndarray, "triangles channels"]
 ) -> Float[np.ndarray, "triangles 3 channels"]:
-    """Solve for the three corner colours of each triangle independently.
+    """Solve for the three corner colours of each triangle, independently of other triangles.
 
-    `mean`: the initial guess for all corners of each triangle, which holds where the pixels leave
-    colours open.
+    `mean`: one colour for each triangle, the initial guess for its three corners. Where the pixels
+    do not determine the colours, the guess is the result.
     """
     matrix = moments.matrix + RIDGE * np.eye(3)
     return np.linalg.solve(matrix, moments.weighted_target + RIDGE * mean[:, None])
@@ -135,7 +143,7 @@ def solve_planes(
 def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
     """Assemble the matrix of the normal equations for one colour per vertex.
 
-    It is `[vertices, vertices]`, and includes the weight of the initial guess.
+    The matrix is `[vertices, vertices]`, and includes the weight `RIDGE` of the initial guess.
     """
     count, triangles = len(mesh.positions), mesh.triangles
     vertices = np.arange(count)
@@ -148,7 +156,10 @@ def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
 def _sum_by_vertex(
     triangles: Triangles, values: CornerColors, count: int
 ) -> Float[np.ndarray, "vertices channels"]:
-    """Sum `values`, one for each corner, over the triangles around each of `count` vertices."""
+    """Sum `values`, one vector for each corner of a triangle, over the corners at each vertex.
+
+    `count`: number of vertices.
+    """
     channels = values.reshape(-1, values.shape[-1]).T
     return np.stack([np.bincount(triangles.ravel(), channel, count) for channel in channels], 1)
 
@@ -163,7 +174,7 @@ def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerCol
 def interpolate(
     pairs: PixelWeights, corner_colors: CornerColors
 ) -> Float[np.ndarray, "channels pairs"]:
-    """Interpolate corner colours at each pair's pixel centre."""
+    """Interpolate the corner colours of a pair's triangle at the pixel centre of the pair."""
     by_corner = corner_colors.transpose(1, 2, 0)
     w, triangle = pairs.weights, pairs.triangle
     return sum(w[i] * by_corner[i][:, triangle] for i in range(3))  # pyright: ignore
@@ -172,7 +183,10 @@ def interpolate(
 def _pixels_at(
     image: Image, points: Float[np.ndarray, "points 2"]
 ) -> Float[np.ndarray, "points channels"]:
-    """The colour of the pixel that holds each point; outside the image, of the nearest pixel."""
+    """The colour of the pixel that contains each point; outside the image, of the nearest pixel.
+
+    `points`: in pixels.
+    """
     height, width = image.shape[:2]
     column = np.clip(points[:, 0].astype(np.int64), 0, width - 1)
     row = np.clip(points[:, 1].astype(np.int64), 0, height - 1)

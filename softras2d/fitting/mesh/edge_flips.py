@@ -1,4 +1,4 @@
-"""Flip edges: replace the edge between two triangles by their other diagonal where it is better."""
+"""Flip edges: replace the edge between two triangles by the other diagonal of their quad."""
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,16 +11,17 @@ from .pixel_weights import pixel_weights
 from .triangulation import Edges, Mesh, Triangles, find_edges, greedy_disjoint
 
 _LEAST_AREA = 0.5
-"""Least area of a triangle that a flip makes, in square pixels."""
+"""Least area, in square pixels, of the two triangles that a flip makes."""
 
 _RELATIVE_GAIN = 1e-6
-"""Least drop in squared error by a flip, as a fraction of the mean squared error of a pixel.
+"""Least drop in squared error for which an edge is flipped, as a fraction of the mean squared error
+of a pixel.
 
-A smaller drop may be rounding, and flips could go in circles."""
+A smaller drop may be a rounding error, and flips could repeat forever."""
 
 
 _MAX_ROUNDS = 1000
-"""Maximum number of rounds of flips to a Delaunay mesh, should rounding let them go in circles."""
+"""Maximum number of rounds of flips to a Delaunay mesh, should rounding make them repeat."""
 
 
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
@@ -48,13 +49,14 @@ def flip_edges(
     model: ColorModel = "vertex",
     rounds: int = 4,
 ) -> Mesh:
-    """Flip edges where that lowers the squared error.
+    """Flip edges where that lowers the squared error; return the mesh with the flipped edges.
 
-    A round solves for all colours, and then flips edges, no two of which share a triangle. Edges
-    with a larger gain (see `flip_gains`) come first.
+    In each round, all colours are solved for; then edges are flipped, no two of which share a
+    triangle. Edges with a larger gain (see `flip_gains`) come first.
 
-    - `model`: the colour model whose squared error counts.
-    - `rounds`: largest number of rounds. Rounds end earlier if no flip lowers the error.
+    - `mesh`, `target`: in pixels of the fit.
+    - `model`: the colour model (see `colors`) for which the squared error is computed.
+    - `rounds`: largest number of rounds. There are fewer if no flip lowers the error.
     """
     for _ in range(rounds):
         edges = flippable_edges(mesh, _LEAST_AREA)
@@ -73,9 +75,9 @@ def flip_edges(
 
 
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
-    """Find the inner edges whose flip leaves both triangles with more than `least_area`.
+    """Find the edges whose flip would make two triangles of more than `least_area` each.
 
-    The area is in square pixels. A triangle that would be flipped has a negative area.
+    Areas are in square pixels. A triangle whose orientation would be reversed has a negative area.
     """
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.triangles[:, 1] >= 0] for field in edges))
@@ -90,9 +92,10 @@ def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
 def _flipped_triangles(
     edges: Edges,
 ) -> tuple[Int[np.ndarray, "edges 3"], Int[np.ndarray, "edges 3"]]:
-    """Return the two triangles after each flip, as vertex indices.
+    """Return the two triangles that the flip of each edge makes, as vertex indices.
 
-    The triangles (a, b, c) and (b, a, d) become (c, a, d) and (d, b, c).
+    The triangles (a, b, c) and (b, a, d) beside the edge from a to b become (c, a, d) and (d, b,
+    c).
     """
     (a, b), (c, d) = edges.ends.T, edges.apexes.T
     return np.stack([c, a, d], 1), np.stack([d, b, c], 1)
@@ -121,10 +124,13 @@ def _angle_excess(mesh: Mesh, edges: Edges) -> Float[np.ndarray, " edges"]:
 def flip_gains(
     mesh: Mesh, target: Target, evaluation: Evaluation, edges: Edges
 ) -> Float[np.ndarray, " edges"]:
-    """Drop in squared error, for each edge, if it alone is flipped.
+    """Compute the drop in squared error, for each edge, if only this edge is flipped.
 
-    After the flip, the colours of the two triangles are solved anew; with one colour per vertex,
-    the colours of their four vertices. All other colours stay.
+    The colours of the two new triangles are solved for. With one colour per vertex, these are the
+    colours of their four vertices. All other colours stay.
+
+    - `evaluation`: the colours and errors of `mesh` before the flips.
+    - `edges`: flippable edges of `mesh`, each with two triangles.
     """
     flipped = np.concatenate(_flipped_triangles(edges))
     pairs = pixel_weights(mesh.positions, flipped, height=mesh.height, width=mesh.width)
@@ -138,16 +144,18 @@ def flip_gains(
 def _vertex_color_gains(
     mesh: Mesh, edges: Edges, before: Evaluation, moments_after: Moments
 ) -> Float[np.ndarray, " edges"]:
-    """Drop in squared error by each flip, with the colours of the quad's four corners solved anew.
+    """Compute the gains of `flip_gains` for one colour per vertex.
 
-    The quad is the two triangles beside the edge. Let g and H be the gradient and the second
-    derivative, with respect to the four colours, of half the squared error after the flip. The new
-    colours lower the squared error by g^T H^-1 g below what the flip alone makes it. Before the
-    flip the gradient over all triangles is 0. So g follows from the two triangles of the quad
-    alone: their gradients before the flip are subtracted, and those after it are added.
+    The quad of an edge is made of the two triangles beside it, and has four corners. Let g and H be
+    the gradient and the second derivative of half the squared error after the flip, with respect to
+    the colours of these corners. The new colours lower the squared error by g^T H^-1 g below what
+    the flip alone makes it. Before the flip, the gradient over all triangles is 0. So g follows
+    from the two triangles of the quad alone: their gradients before the flip are subtracted, and
+    those after it are added.
 
-    `moments_after`: the moments of the first triangle after each flip, for all edges, followed by
-    the moments of the second triangle after each flip.
+    - `before`: the evaluation of `mesh` before the flips.
+    - `moments_after`: the moments of the first triangle after each flip, for all edges, followed by
+      those of the second triangle.
     """
     quad = np.concatenate([edges.ends, edges.apexes], 1)
     count, channels = len(quad), before.colors.shape[1]
@@ -182,5 +190,8 @@ def _vertex_color_gains(
 def _corners_in_quad(
     triangles: Triangles, quad: Int[np.ndarray, "triangles 4"]
 ) -> Int[np.ndarray, "triangles 3"]:
-    """For each corner of a triangle, its index 0..3 in the quad that contains the triangle."""
+    """For each corner of a triangle, its index, 0..3, among the corners of a quad.
+
+    `quad`: for each triangle, the four vertices of a quad that contains the triangle.
+    """
     return (triangles[:, :, None] == quad[:, None]).argmax(2)

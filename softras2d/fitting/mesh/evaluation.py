@@ -1,7 +1,7 @@
 """Solve for the colours of a mesh, and measure its squared error against the target.
 
-Every change of a mesh is judged by the squared error before it, which `evaluate` measures, and the
-squared error after it, which `solved_error` and `error_of_colors` compute from the moments of the
+Every change of a mesh is judged by two squared errors. `evaluate` measures the one before the
+change. `solved_error` and `error_of_colors` compute the one after it, from the moments of the
 changed triangles. Squared errors are weighted and summed over pixels and channels.
 """
 
@@ -29,14 +29,15 @@ from .triangulation import Mesh
 
 
 class Evaluation(NamedTuple):
-    """A mesh's colours of least squared error, and the difference of its image from the target.
+    """The colours of least squared error of a mesh, and how its image differs from the target.
 
-    - `model`: the colour model of `colors`.
-    - `pairs`: the pixels of each triangle.
-    - `values`, `error_weights`: the target, and the weight of the error, at each pair's pixel;
-      weights None: all are 1.
-    - `residual`: target minus the image of the mesh, at each pair's pixel.
-    - `moments`: the moments of each triangle.
+    - `model`: the colour model of `colors` (see the module `colors`).
+    - `pairs`: all pairs of a triangle and a pixel whose centre lies in it.
+    - `values`: the target at the pixel of each pair.
+    - `error_weights`: the weight of the error at the pixel of each pair; None: all are 1.
+    - `residual`: the target minus the image of the mesh, at the pixel of each pair.
+    - `moments`: the moments of each triangle (see `colors.Moments`).
+    - `colors`: the colours of least squared error, not clipped.
     """
 
     model: ColorModel
@@ -49,13 +50,16 @@ class Evaluation(NamedTuple):
 
     @property
     def error(self) -> Float[np.ndarray, " pairs"]:
-        """Weighted squared error of each pair's pixel, summed over channels."""
+        """Weighted squared error of the pixel of each pair, summed over channels."""
         squares = (self.residual**2).sum(0)
         return squares if self.error_weights is None else squares * self.error_weights
 
 
 def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
-    """Solve for the colours of least squared error, and compare the mesh's image to the target."""
+    """Solve for the colours of least squared error, and compare the mesh's image to the target.
+
+    `model`: the colour model (see `colors`).
+    """
     pairs = mesh_pixels(mesh)
     values, error_weights = target_at_pairs(pairs, target)
     moments = color_moments(pairs, values, error_weights)
@@ -65,9 +69,10 @@ def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
 
 
 def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
-    """Squared error of each triangle with the colours that are best for it alone.
+    """Squared error of each triangle in the colours that are best for this triangle alone.
 
-    For the model `"triangle"` that is one colour, and for any other model three corner colours.
+    For the colour model `"triangle"` that is one colour, and for any other model three corner
+    colours.
     """
     total, weight = moments.weighted_target.sum(1), moments.matrix.sum((1, 2))
     mean = total / np.maximum(weight, 1e-12)[:, None]
@@ -79,6 +84,9 @@ def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " tri
 def error_of_colors(
     moments: Moments, corner_colors: CornerColors
 ) -> Float[np.ndarray, " triangles"]:
-    """Squared error of each triangle with the given corner colours, summed over its pixels."""
+    """Squared error of each triangle with the given corner colours, summed over its pixels.
+
+    `moments`: the moments of the triangles (see `colors.Moments`).
+    """
     product = corner_colors * (moments.matrix @ corner_colors - 2 * moments.weighted_target)
     return moments.target_square + product.sum((1, 2))

@@ -1,9 +1,9 @@
 """The fit of a mesh that tiles the canvas.
 
-Between chunks of steps, vertices are moved back until no triangle is flipped. At a few points of a
-fit (see `schedule`), the vertices whose removal raises the squared error least are collapsed, and
-as many are inserted where they lower it most. The number of vertices does not change, so the
-compiled program can be reused.
+Between chunks of steps, vertices are moved back until no triangle is flipped, which means that its
+orientation is reversed. At a few points of a fit (see `schedule`), the vertices whose removal
+raises the squared error least are collapsed, and as many are inserted where they lower the squared
+error most. The number of vertices does not change, so the compiled program can be reused.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ from .untangle import untangle
 _COLOR_MODELS: dict[str, ColorModel] = {
     "flat": "triangle", "gouraud": "vertex", "linear": "linear",
 }  # fmt: skip
-"""The colour model for each value of the option `shading`."""
+"""The colour model (see `colors`) for each value of the option `shading`."""
 
 
 class _Best(NamedTuple):
@@ -61,7 +61,8 @@ class MeshFit(AbstractFit):
 
     - `height`, `width`: size of the fit in pixels.
 
-    Raises `ValueError` for a target with alpha, because a mesh covers the canvas.
+    The base class describes the other attributes and the methods. The constructor raises
+    `ValueError` for a target with alpha, because a mesh covers the canvas.
     """
 
     data: MeshData
@@ -85,9 +86,9 @@ class MeshFit(AbstractFit):
 
     @property
     def max_triangles(self) -> int:
-        """Number of triangles in use now.
+        """Number of triangles in use now, which is about the number at the end of the fit.
 
-        A mesh has all of its vertices from the start. So the number changes only a little, when an
+        A mesh has all of its vertices from the start. The number of triangles changes only when an
         exchange moves vertices to or from the border.
         """
         return self.active
@@ -95,7 +96,8 @@ class MeshFit(AbstractFit):
     def _initial_mesh(self) -> Mesh:
         """Make the mesh to start from, or take it from the state of the fit that is resumed.
 
-        Raises `ValueError` for a start that does not suit the fit.
+        The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the
+        fit.
         """
         request, target = self.request, self.request.target
         if request.resume_state is not None:
@@ -117,9 +119,10 @@ class MeshFit(AbstractFit):
         )
 
     def _checked_mesh(self, mesh: Mesh) -> Mesh:
-        """Return `mesh` itself; raise `ValueError` unless it suits the fit.
+        """Return `mesh` itself; raise `ValueError` unless the fit can start from it.
 
-        It must tile the canvas, and have at most `saved.max_vertices` vertices.
+        It must have the size of the fit, tile the canvas, and have at most `saved.max_vertices`
+        vertices.
         """
         if (mesh.height, mesh.width) != (self.height, self.width):
             raise ValueError(
@@ -137,33 +140,36 @@ class MeshFit(AbstractFit):
     def _arrays(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
     ) -> tuple[MeshData, MeshUnknowns]:
-        """Make the data and the unknowns of a mesh; `arrays.data_and_unknowns` says how."""
+        """Make the data and the unknowns of `mesh`, as `arrays.data_and_unknowns` does.
+
+        `scale`: as in `MeshData`; None: it is computed.
+        """
         return data_and_unknowns(
             mesh, self.request, self._model, has_fixed_colors=self._is_quantized, scale=scale
         )
 
     def _frozen_colors(self, mesh: Mesh) -> dict[str, bool | Mask]:
-        """Return which colours are frozen now, as `frozen.freeze` takes it."""
+        """Return which colours of `mesh` are frozen now; see `steering.frozen_colors`."""
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Begin a new solve on a mesh, from its data and unknowns."""
+        """Begin a new solve on `mesh`, from its data and unknowns."""
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
     def likely_scene(self) -> Scene:
-        """The scene of the current unknowns.
+        """The scene of the present unknowns, in pixels of the fit, with spare triangles.
 
-        Its cost hardly changes during a fit, because all vertices are there from the start.
+        Its cost hardly changes during a fit, because the mesh has all vertices from the start.
         """
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan to draw any of these scenes with exact coverage, as tilings."""
+        """Plan to draw any of these scenes with exact coverage, as tilings (`Area("sum")`)."""
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
-        """The unknowns with the least loss so far, with their mesh untangled.
+        """The unknowns with the least loss so far, moved so that no triangle is flipped.
 
         If no loss is known yet, they are the present unknowns, with a loss of infinity.
         """
@@ -175,7 +181,7 @@ class MeshFit(AbstractFit):
         return _Best(loss, y, mesh, self.data)
 
     def scene(self, *, padded: bool = False) -> Scene:
-        """The scene with the least loss so far, untangled.
+        """The scene with the least loss so far, in pixels of the fit, without flipped triangles.
 
         `padded`: keep the spare triangles, which have no area.
         """
@@ -183,7 +189,10 @@ class MeshFit(AbstractFit):
         return self._scene_of(best, None if padded else len(best.mesh.triangles))
 
     def current_scene(self) -> Scene:
-        """The scene of the last unknowns, untangled, without spare triangles."""
+        """The scene of the present unknowns, in pixels of the fit, without spare triangles.
+
+        Vertices are moved back until no triangle is flipped.
+        """
         mesh, y = _untangled(self.progress.y, self._mesh, self.data)
         return self._scene_of(_Best(np.inf, y, mesh, self.data), len(mesh.triangles))
 
@@ -191,8 +200,8 @@ class MeshFit(AbstractFit):
         """Move the vertices towards the positions in `scene`, and take its colours.
 
         Vertices move only as far as no triangle is flipped, and frozen colours stay. If triangles
-        have colours of the palette by now, each colour is replaced by the nearest of the palette.
-        The best unknowns so far are forgotten.
+        already have colours of the palette, each colour is replaced by the nearest colour of the
+        palette. The best unknowns so far are forgotten.
         """
         mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
         positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
@@ -215,7 +224,7 @@ class MeshFit(AbstractFit):
         )
 
     def _scene_of(self, best: _Best, count: int | None) -> Scene:
-        """Make the scene of the first `count` triangles, or of all if it is None.
+        """Make the scene of the first `count` triangles of `best`; of all triangles for None.
 
         If there is a palette, the scene has its colours.
         """
@@ -242,9 +251,10 @@ class MeshFit(AbstractFit):
         self.progress = forget_best(progress)
 
     def polish_at_full_size(self, target: Target) -> None:
-        """Replace the unknowns by the best so far, with colours solved for at the target's size.
+        """Replace the unknowns by the best so far, with colours that suit the pixels of `target`.
 
-        These colours make the squared error of sRGB values least, over the pixels of `target`.
+        `target`: the image and its weights at their original size. The colours minimise the
+        weighted squared error of sRGB values.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
@@ -261,7 +271,7 @@ class MeshFit(AbstractFit):
     def replan(self, reached: Sequence[tuple[MeshUnknowns, MeshData]]) -> MeshResidual:
         """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
 
-        `reached`: pairs of unknowns and the data of the fit that they are from.
+        `reached`: pairs `(unknowns, data)`.
         """
         plan = self._plan([mesh_scene(y, data) for y, data in reached])
         return MeshResidual(plan, self.request.loss)
@@ -269,8 +279,9 @@ class MeshFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: untangle the mesh; exchange vertices when due; lower the learning rate;
-        assign colours of the palette. `share`: share of the fit that is done, 0..1.
+        In this order: move vertices back until no triangle is flipped; exchange vertices when due;
+        lower the learning rate; assign colours of the palette. `share`: share of the fit that is
+        done, 0..1.
         """
         if self.progress.steps:
             self._untangle()
@@ -287,8 +298,8 @@ class MeshFit(AbstractFit):
     def _untangle(self) -> None:
         """Move vertices back until no triangle is flipped.
 
-        Adam's unknowns are set to the untangled positions. Other solvers remember their last point,
-        so for them only the mesh is untangled, which the next exchange uses.
+        With Adam, the unknowns are set to the new positions. Other solvers remember their last
+        point, so for them only `_mesh` changes, which the next exchange uses.
         """
         self._mesh, y = _untangled(self.progress.y, self._mesh, self.data)
         if self.request.adjustable_rate:
@@ -297,10 +308,9 @@ class MeshFit(AbstractFit):
     def _exchange(self, count: int) -> None:
         """Move up to `count` vertices to where they lower the squared error most.
 
-        The vertices whose removal raises the squared error least are collapsed, and as many are
-        inserted elsewhere (see `exchange.exchange`). The best unknowns before that are remembered,
-        and a new solve begins on the new mesh. Nothing changes if fewer vertices could be inserted
-        than were collapsed.
+        `exchange.exchange` says how. The best unknowns before the exchange are remembered, and a
+        new solve begins on the new mesh. Nothing changes if fewer vertices could be inserted than
+        were collapsed.
         """
         steps = self.progress.steps
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)
@@ -313,9 +323,10 @@ class MeshFit(AbstractFit):
     def _quantize(self, palette: Palette) -> None:
         """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
-        The palette is improved too, unless the user gave it. Losses with different frozen colours
-        are not comparable, so a change forgets the best so far. After the first call, changes of
-        the colours and the palette below `palette.LEAST_CHANGE` are not made.
+        The palette is improved, too, unless the user gave its colours. Losses with different frozen
+        colours are not comparable. Therefore the best unknowns so far are forgotten when colours
+        change. After the first call, nothing is done if all colours and the palette would change by
+        less than `palette.LEAST_CHANGE`.
         """
         y = with_frozen(self.progress.y, self.data.frozen)
         quantized = quantize(
@@ -333,11 +344,13 @@ class MeshFit(AbstractFit):
         )
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return arrays, by name, of the mesh, the best before an exchange, and a palette.
+        """Return the arrays, by name, that are saved for a fit of a mesh only.
 
-        - `mesh.positions`, ...: the fields of the mesh; `scale`: as in `MeshData`.
-        - `kept`, `kept.0`, ..., `kept.mesh.positions`, ..., `kept.scale`: loss, unknowns, mesh and
-          scale of the best unknowns before the last exchange, if there are any.
+        - `mesh.positions`, `mesh.triangles`, `mesh.free_x`, `mesh.free_y`: the fields of the
+          present mesh.
+        - `scale`: as in `MeshData`.
+        - `kept`, `kept.0`, `kept.1`, `kept.mesh.positions`, ..., `kept.scale`: loss, unknowns, mesh
+          and scale of the best unknowns before the last exchange, if there are any.
         - The arrays of `steered_state`.
         """
         # The scale was computed at the last exchange, so it does not follow from the mesh.
@@ -350,7 +363,7 @@ class MeshFit(AbstractFit):
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` saved; the constructor has restored the mesh itself."""
+        """Restore what `family_state` returned; the constructor has restored the mesh itself."""
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         self._palette = arrays.get("palette")
         self._is_quantized = bool(arrays.get("quantized", False))
@@ -365,9 +378,9 @@ class MeshFit(AbstractFit):
 
 
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
-    """Move the vertices of a mesh to the positions in `y`, as far as no triangle is flipped.
+    """Move the vertices of a mesh towards the positions in `y`, as far as no triangle is flipped.
 
-    Returns the mesh, and `y` with its positions.
+    Returns the moved mesh, and `y` with the positions of that mesh.
     """
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)

@@ -1,7 +1,7 @@
 """Solve for the colours of a mesh at the size of its target, which may be far larger than the fit.
 
-A 12-megapixel photograph has too many pixels to list them with their barycentric weights at once.
-The normal equations are sums over pixels, so they are summed strip by strip.
+A photograph of 12 megapixels has too many pixels to store all of them with their barycentric
+weights at once. The normal equations are sums over pixels, so they are summed strip by strip.
 """
 
 import numpy as np
@@ -12,16 +12,18 @@ from .pixel_weights import pixel_weights
 from .triangulation import Mesh
 
 _STRIP_PIXELS = 2**19
-"""Number of pixels of a strip; each takes some 150 bytes."""
+"""Number of pixels of a strip of rows; each pixel takes some 150 bytes."""
 
 SECONDS_PER_MEGAPIXEL = 0.15
-"""Time to set aside for `colors_at_full_size` per megapixel of the target, measured on one core."""
+"""Seconds that `colors_at_full_size` takes per megapixel of the target, measured on one core."""
 
 
 def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Colors:
-    """Compute the colours that `solve_colors` does, in bounded memory; they are not clipped.
+    """Compute the colours that `colors.solve_colors` does, in bounded memory; they are not clipped.
 
-    `mesh`: with positions in pixels of the target.
+    - `mesh`: with positions in pixels of the target.
+    - `target`: the image and its weights at their original size.
+    - `model`: the colour model (see `colors`).
     """
     height, width = target.image.shape[:2]
     rows = max(1, _STRIP_PIXELS // width)
@@ -33,7 +35,7 @@ def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Col
 
 
 def _moments_of_rows(mesh: Mesh, target: Target, first: int, last: int) -> Moments:
-    """Moments of each triangle over its pixels in the rows from `first` to before `last`."""
+    """Compute the moments of each triangle over its pixels in the rows `first`, ..., `last - 1`."""
     image: Image = target.image[first:last]
     weights = None if target.weights is None else target.weights[first:last]
     pairs = pixel_weights(

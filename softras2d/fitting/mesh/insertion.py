@@ -10,7 +10,7 @@ from .splits import Splits, best_splits
 from .triangulation import Mesh, greedy_disjoint, make_mesh
 
 LEAST_AREA = 1.0
-"""Least area of the pieces of a split triangle, in square pixels.
+"""Least area, in square pixels, of the pieces into which a triangle is split.
 
 Each piece should contain a pixel centre."""
 
@@ -23,14 +23,15 @@ def insert(
     model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Insert up to `count` vertices, each of which splits the triangle or the edge where it lies.
+    """Insert up to `count` vertices, each of which splits the triangle or edge on which it lies.
 
     Each triangle is split at most once. The splits that lower the squared error most come first
     (see `splits.Splits.gain`). Fewer vertices are inserted if the other triangles are too small, or
     if no other split lowers the error.
 
-    - `model`: the colour model whose squared error counts.
-    - `least_area`: least area of a piece, in square pixels.
+    - `mesh`, `target`: in pixels of the fit.
+    - `model`: the colour model (see `colors`) for which the squared error is computed.
+    - `least_area`: least area of a piece of a triangle, in square pixels.
 
     **Source:** greedy insertion as in Garland and Heckbert, *Fast polygonal approximation of
     terrains and height fields* (1995). Here each round inserts many points, and their priority is
@@ -47,9 +48,10 @@ def insert(
 
 
 def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
-    """Insert the candidates with the indices in `chosen` into the mesh.
+    """Insert the candidates with the indices in `chosen` into the mesh, as new vertices.
 
-    No two of them may split the same triangle.
+    `splits` has a candidate for each triangle and for each edge of the mesh. No two of the chosen
+    ones may split the same triangle.
     """
     triangles = len(mesh.triangles)
     new_vertex = len(mesh.positions) + np.arange(len(chosen))

@@ -1,4 +1,4 @@
-"""Find which pixel centres lie in which triangles, and their barycentric weights."""
+"""Find which pixel centres lie in which triangles, and compute their barycentric weights."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,12 @@ from .triangulation import Points, Triangles
 
 
 class PixelWeights(NamedTuple):
-    """All pairs of a triangle and a pixel whose centre lies in it, sorted by triangle.
+    """All pairs of a triangle and a pixel whose centre lies in the triangle, sorted by triangle.
 
-    - `triangle`, `pixel`: index of the triangle, and row * width + column of the pixel.
-    - `weights`: barycentric weights of the pixel centre, one per corner; they sum to 1.
+    - `triangle`: index of the triangle of each pair.
+    - `pixel`: row * width + column of the pixel of each pair.
+    - `weights`: barycentric weights of the pixel centre, one for each corner of the triangle; they
+      sum to 1.
     - `ends`: for each triangle, the index of the first pair after its pairs.
     """
 
@@ -28,13 +30,16 @@ class PixelWeights(NamedTuple):
 
     @property
     def pixel_counts(self) -> Int[np.ndarray, " triangles"]:
-        """Number of pixel centres in each triangle."""
+        """Number of pixels whose centres lie in each triangle."""
         return np.diff(self.ends, prepend=0)
 
     def sum_by_triangle(
         self, values: Float[np.ndarray, "... pairs"]
     ) -> Float[np.ndarray, "... triangles"]:
-        """Sum `values`, one for each pair, over the pixels of each triangle; 0 without pixels."""
+        """Sum `values`, which has one number for each pair, over the pixels of each triangle.
+
+        The sum for a triangle without pixels is 0.
+        """
         starts = self.ends - self.pixel_counts
         has_pixels = self.pixel_counts > 0
         sums = np.zeros((*values.shape[:-1], self.triangle_count), values.dtype)
@@ -46,13 +51,14 @@ class PixelWeights(NamedTuple):
 def pixel_weights(
     positions: Points, triangles: Triangles, *, height: int, width: int
 ) -> PixelWeights:
-    """Find the pixel centres in each triangle, on a canvas of `height` x `width` pixels.
+    """Find the pixels whose centres lie in each triangle, on a canvas of `height` x `width` pixels.
 
-    All triangles must have positive area; they may leave the canvas.
+    `positions` are in pixels. All triangles must have positive area; they may extend beyond the
+    canvas.
 
     A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
     one of its two short edges. A centre on an edge belongs to the triangle to the right of the
-    edge, or below it if the edge is horizontal. Triangles that share an edge compute its crossing
+    edge, or below the edge if it is horizontal. Triangles that share an edge compute its crossing
     with a row from the same end points in the same order, so a tiling leaves no centre out.
     """
     corners = positions[triangles]
@@ -85,9 +91,10 @@ def pixel_weights(
 def _expand_ranges(
     starts: Int[np.ndarray, " ranges"], ends: Int[np.ndarray, " ranges"]
 ) -> tuple[Int[np.ndarray, " integers"], Int[np.ndarray, " integers"]]:
-    """List the integers of half-open ranges, one range after the other.
+    """List the integers `starts[i]`, ..., `ends[i] - 1` of each range i, one range after the other.
 
-    Returns the index of the range of each integer, and the integer.
+    Returns two arrays with a number for each listed integer: the index of its range, and the
+    integer.
     """
     lengths = np.maximum(ends - starts, 0)
     index = np.repeat(np.arange(len(lengths)), lengths)
@@ -98,7 +105,7 @@ def _expand_ranges(
 def _crossing(
     a: Float[np.ndarray, "spans 2"], b: Float[np.ndarray, "spans 2"], y: Float[np.ndarray, " spans"]
 ) -> Float[np.ndarray, " spans"]:
-    """The x at which the line through `a` and `b` crosses the row of the given `y`."""
+    """The x at which the line from `a` to `b` crosses the horizontal line at `y`."""
     return a[:, 0] + (y - a[:, 1]) * ((b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
 
 
@@ -108,7 +115,7 @@ def _barycentric(
     x: Float[np.ndarray, " pairs"],
     y: Float[np.ndarray, " pairs"],
 ) -> Float[np.ndarray, "3 pairs"]:
-    """Barycentric weights of the points (x, y), each in the triangle of its pair."""
+    """Barycentric weights of the point (x, y) of each pair in the triangle of that pair."""
     a, b, c = corners.transpose(1, 2, 0)
     ab, ac = b - a, c - a
     area = ab[0] * ac[1] - ab[1] * ac[0]

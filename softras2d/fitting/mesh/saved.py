@@ -1,4 +1,4 @@
-"""Write, read and check the entries of a saved fit that only meshes have."""
+"""Save, read and check the arrays of a saved fit that only meshes have."""
 
 from typing import Any
 
@@ -12,28 +12,31 @@ def max_vertices(settings: dict[str, Any]) -> int:
     """Number of vertices with which a mesh never has more triangles than the settings allow.
 
     A mesh of v vertices has 2 v - 6 triangles if only four lie on its border, and fewer if more do.
-    At least four vertices, and so two triangles, are always allowed.
+    Four vertices, and so two triangles, are always allowed. `settings`: the arguments of `fit`.
     """
     return max(4, (settings["triangles"] + 6) // 2)
 
 
 def mesh_arrays(name: str, mesh: Mesh) -> dict[str, np.ndarray]:
-    """Name the arrays of a mesh `name.positions`, `name.triangles`, and so on."""
+    """Return the arrays of a mesh by the names `name.positions`, `name.triangles`, etc."""
     return {f"{name}.{field}": value for field, value in mesh._asdict().items()}
 
 
 def mesh_of(arrays: dict[str, np.ndarray], name: str = "mesh") -> Mesh:
-    """Make the mesh whose arrays `mesh_arrays` named; it is not checked."""
+    """Make the mesh whose arrays `mesh_arrays` saved under `name`; the mesh is not checked."""
     return Mesh(*(arrays[f"{name}.{field}"] for field in Mesh._fields))
 
 
 def check_mesh_state(
     entries: Entries, settings: dict[str, Any], size: Size, active: int
 ) -> list[tuple[int, ...]]:
-    """Check the entries that `MeshFit.family_state` made; raise `ValueError` for a fault.
+    """Check the arrays that `MeshFit.family_state` returned; raise `ValueError` for a fault.
 
-    Returns the shapes of the arrays of `MeshUnknowns`, in order. See `Family.check_state` for the
-    arguments.
+    Returns the shapes of the arrays of `MeshUnknowns`, in order.
+
+    - `entries`: the arrays of the saved fit. Those that are checked are removed.
+    - `settings`, `size`: the settings and the size of the fit.
+    - `active`: number of triangles in use, which the mesh must have.
     """
     limit = max_vertices(settings)
     vertices = _check_mesh(entries, "mesh", size, limit, active)
@@ -49,18 +52,22 @@ def check_mesh_state(
 
 
 def _shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
-    """Shapes of the unknowns, positions and colours, of a mesh with `vertices` vertices."""
+    """Shapes of the unknowns, positions and colours, of a mesh with `vertices` vertices.
+
+    `shading`: the value of the option `shading`.
+    """
     if shading == "gouraud":
         return [(vertices, 2), (vertices, 3)]
     return [(vertices, 2), (2 * vertices - 6, 1 if shading == "flat" else 3, 3)]
 
 
 def _check_mesh(entries: Entries, name: str, size: Size, limit: int, active: int | None) -> int:
-    """Check that a saved mesh tiles the canvas; return its number of vertices.
+    """Check that a saved mesh tiles the canvas, else raise `ValueError`; return its vertex count.
 
-    - `name`: first part of the names of its entries, as in `mesh_arrays`.
+    - `entries`: the arrays of the saved fit. Those of the mesh are removed.
+    - `name`: the first words of the names of these arrays, as in `mesh_arrays`.
     - `size`: size of the fit, which is the canvas.
-    - `limit`: the largest number of vertices.
+    - `limit`: the largest allowed number of vertices.
     - `active`: the required number of triangles; None allows any.
     """
     full = entries.full_name(name)

@@ -2,10 +2,11 @@
 
 Several points are tried in every triangle and on every edge. A split at a point cuts the triangle
 into pieces, one opposite each corner for which the point has a positive barycentric weight: three
-for a point inside, two for a point on an edge. For each of these corners, divide the weight of a
-pixel centre by the weight of the point. The pixel lies in the piece opposite the corner with the
-least quotient. This least quotient is also the hat function of the new vertex at the pixel. It is 1
-at the point, and falls linearly to 0 at the sides of the triangle on which the point does not lie.
+for a point inside, two for a point on an edge. To tell in which piece a pixel lies, divide the
+weights of the pixel centre, for each of these corners, by the weights of the point. The pixel lies
+in the piece opposite the corner with the least quotient. This least quotient is also the value, at
+the pixel, of the hat function of the new vertex. That function is 1 at the point, and falls
+linearly to 0 at the sides of the triangle on which the point does not lie.
 """
 
 import functools
@@ -19,17 +20,18 @@ from .evaluation import Evaluation, solved_error
 from .triangulation import Edges, Mesh, find_edges, signed_areas
 
 SplitPoints = Float[np.ndarray, "3 triangles_or_1"]
-"""Barycentric weights of one point in each triangle, or of the same point in all triangles.
+"""Barycentric weights of one point in each triangle, or, if the last axis has length 1, of the same
+point in all triangles.
 
 A point on an edge has one weight of 0."""
 
 EDGE_FRACTIONS: dict[ColorModel, tuple[float, ...]] = {
     "vertex": (0.25, 0.5, 0.75), "triangle": (0.5,), "linear": (0.5,),
 }  # fmt: skip
-"""Points on an edge that are tried, as fractions of its length; they are symmetric about 0.5.
+"""For each colour model (see `colors`), the points on an edge that are tried as new vertices.
 
-The models other than `"vertex"` have fewer, because least squares for the pieces takes four times
-as long as a hat function."""
+They are fractions of the edge's length, symmetric about 0.5. The models other than `"vertex"` have
+fewer, because least squares for the pieces takes four times as long as a hat function."""
 
 _CENTROID = (1 / 3, 1 / 3, 1 / 3)
 INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
@@ -37,20 +39,22 @@ INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
     "triangle": (_CENTROID,),
     "linear": (_CENTROID,),
 }
-"""Barycentric weights of the points that are tried in each triangle.
+"""For each colour model (see `colors`), the points in a triangle that are tried as new vertices.
 
-`_center_of_error` and `_peak_of_error` are tried too."""
+They are given by barycentric weights. `_center_of_error` and `_peak_of_error` are tried, too."""
 
 _HAT_DAMPING = 0.1
-"""Added to the sum over pixels of a squared hat function, so that without pixels the gain is 0."""
+"""Number that is added to the sum over pixels of a squared hat function, so that the gain of a
+split is 0 without pixels."""
 
 
 class Splits(NamedTuple):
-    """Candidates for new vertices: one per triangle, followed by one per edge.
+    """Candidates for new vertices: one in each triangle, followed by one on each edge.
 
-    - `gain`: drop in squared error if this vertex alone is inserted. The colours of the pieces are
-      solved for; or, with one colour per vertex, only the colour of the new vertex. All other
-      colours stay. Minus infinity if a piece would be too small at every point that was tried.
+    - `gain`: drop in squared error if only this vertex is inserted. For the calculation, the
+      colours of the pieces are solved for; or, with one colour per vertex, only the colour of the
+      new vertex. All other colours stay. The gain is minus infinity if a piece would be too small
+      at every point that was tried.
     - `points`: positions of the candidates, in pixels.
     - `edges`: the edges of the mesh.
     """
@@ -61,9 +65,10 @@ class Splits(NamedTuple):
 
 
 def best_splits(mesh: Mesh, evaluation: Evaluation, *, least_area: float) -> Splits:
-    """Find the best split of every triangle and every edge.
+    """Find the best position for a new vertex in every triangle and on every edge.
 
-    `least_area`: least area of a piece, in square pixels.
+    - `evaluation`: the colours and errors of `mesh`.
+    - `least_area`: least area of a piece of a split triangle, in square pixels.
     """
     edges = find_edges(mesh.triangles)
     areas = signed_areas(mesh.positions, mesh.triangles)
@@ -81,7 +86,9 @@ def _best_in_triangles(
 ) -> tuple[Float[np.ndarray, " triangles"], Float[np.ndarray, "triangles 2"]]:
     """Return the gain and the position, in pixels, of the best split point inside each triangle.
 
-    `areas`: area of each triangle, in square pixels.
+    - `evaluation`: the colours and errors of `mesh`.
+    - `areas`: area of each triangle, in square pixels.
+    - `least_area`: least area of a piece, in square pixels.
     """
     tried = [np.array(weights)[:, None] for weights in INNER_POINTS[evaluation.model]]
     tried += [_center_of_error(evaluation), _peak_of_error(evaluation)]
@@ -104,7 +111,9 @@ def _best_on_edges(
 ) -> tuple[Float[np.ndarray, " edges"], Float[np.ndarray, "edges 2"]]:
     """Return the gain and the position, in pixels, of the best split point on each edge.
 
-    `areas`: area of each triangle, in square pixels.
+    - `evaluation`: the colours and errors of `mesh`.
+    - `areas`: area of each triangle, in square pixels.
+    - `least_area`: least area of a piece, in square pixels.
     """
     first, second = edges.triangles.T
     has_second = second >= 0
@@ -132,16 +141,19 @@ def _best_on_edges(
 
 
 def _edge_point(fraction: float, corner: int) -> SplitPoints:
-    """The point at `fraction` of the edge from `corner` (0, 1 or 2) to the next corner."""
+    """The point at a fraction of the edge from a corner of each triangle to the next corner.
+
+    `fraction`: 0 at `corner`, which is 0, 1 or 2, and 1 at the next corner.
+    """
     point = np.zeros((3, 1))
     point[corner], point[(corner + 1) % 3] = 1 - fraction, fraction
     return point
 
 
 def _center_of_error(evaluation: Evaluation) -> SplitPoints:
-    """Mean position of the pixels of each triangle, weighted by their squared error.
+    """Mean of the pixel centres in each triangle, weighted by their squared error, as split points.
 
-    Without any error it is the centroid.
+    In a triangle without error, the point is the centroid.
     """
     pairs = evaluation.pairs
     sums = pairs.sum_by_triangle(evaluation.error * pairs.weights)
@@ -150,9 +162,9 @@ def _center_of_error(evaluation: Evaluation) -> SplitPoints:
 
 
 def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
-    """The pixel centre of the largest squared error in each triangle.
+    """The pixel centre with the largest squared error in each triangle, as split points.
 
-    Without pixels it is the centroid.
+    In a triangle without pixels, the point is the centroid.
     """
     pairs, error = evaluation.pairs, evaluation.error
     has_pixels = pairs.pixel_counts > 0
@@ -168,11 +180,12 @@ def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
 def _split_statistics(
     evaluation: Evaluation, point: SplitPoints
 ) -> Float[np.ndarray, "triangles statistics"]:
-    """Compute the numbers from which `_gain` computes the gain of a split at `point`.
+    """Compute, for each triangle, the numbers from which `_gain` computes the gain of a split.
 
-    For the model `"vertex"` they are the products of `_hat_products`; for the other models, the
-    drop in squared error. Both are sums over the pixels of a triangle. For a split of an edge, add
-    the numbers of the two triangles beside it.
+    The split is at the given point of each triangle. For the colour model `"vertex"` the numbers
+    are the products of `_hat_products`; for the other models, the only number is the drop in
+    squared error. All are sums over the pixels of a triangle. For a split of an edge, the numbers
+    of the two triangles beside it must be added.
     """
     pairs = evaluation.pairs
     if point.shape[1] > 1:
@@ -188,9 +201,10 @@ def _split_statistics(
 def _error_drop(
     evaluation: Evaluation, piece: Int[np.ndarray, " pairs"], pieces: int
 ) -> Float[np.ndarray, " triangles"]:
-    """Drop in squared error of each triangle if each of its pieces has the colours best for it.
+    """Drop in squared error of each triangle if each piece has the colours best for that piece.
 
-    `piece`: the number of the piece, below `pieces`, in which the pixel of each pair lies.
+    - `piece`: for each pair, the number of the piece in which its pixel lies, from 0.
+    - `pieces`: number of pieces into which each triangle is split.
     """
     error_weights, model = evaluation.error_weights, evaluation.model
     error_after = np.zeros(evaluation.pairs.triangle_count)
@@ -211,8 +225,8 @@ def _hat_products(
 ) -> Float[np.ndarray, "triangles products"]:
     """Products of the new vertex's hat function with itself, and with each channel of the residual.
 
-    They are weighted and summed over the pixels of each triangle. `hat`: the hat function at each
-    pair's pixel.
+    They are weighted and summed over the pixels of each triangle. `hat`: the value of the hat
+    function, which the module defines, at the pixel of each pair.
     """
     error_weights = evaluation.error_weights
     scaled = hat if error_weights is None else hat * error_weights
@@ -223,11 +237,11 @@ def _hat_products(
 def _gain(
     statistics: Float[np.ndarray, "splits statistics"], model: ColorModel
 ) -> Float[np.ndarray, " splits"]:
-    """Drop in squared error of each split, from the sums of its triangles' `_split_statistics`.
+    """Drop in squared error of each split, from the summed `_split_statistics` of its triangles.
 
-    With colours per vertex all other colours stay fixed. The drop is then what one step of matching
-    pursuit gains: the squared product of hat and residual, divided by the product of the hat with
-    itself, and summed over channels.
+    With one colour per vertex, all other colours stay fixed. The drop is then the gain of one step
+    of matching pursuit: the squared product of hat function and residual, divided by the product of
+    the hat function with itself, and summed over channels.
     """
     if model != "vertex":
         return statistics[:, 0]

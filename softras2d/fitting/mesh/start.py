@@ -1,7 +1,7 @@
 """Make meshes from which a fit can start.
 
-Their vertices are spaced evenly, or lie denser where the image changes, or where they lower the
-squared error most.
+Their vertices are spaced evenly, or are denser where the image changes, or are inserted where they
+lower the squared error most.
 """
 
 from collections.abc import Callable
@@ -20,12 +20,13 @@ COARSE = 60
 """Largest number of vertices of the uniform mesh into which `error_start` inserts the others."""
 
 GROWTH = 0.5
-"""Number of vertices that a round of `error_start` inserts, as a fraction of those in the mesh."""
+"""Number of vertices that a round of `error_start` inserts, as a fraction of the vertices of the
+mesh."""
 
 EXCHANGED = 0.3
-"""Fraction of the vertices that the first exchange of `error_start` moves elsewhere.
+"""Fraction of the vertices that the first exchange of `error_start` moves to other positions.
 
-It falls linearly to zero."""
+In later exchanges the fraction falls linearly to zero."""
 
 _UNIFORM_DENSITY = 0.2
 """Fraction of the mean image gradient that `delaunay_start` adds to the gradient of each pixel, so
@@ -38,8 +39,8 @@ def uniform_start(
     """Make a Delaunay mesh of exactly `vertices` points in evenly spaced rows.
 
     The first and last point of each row, and the first and last row, lie on the border. The other
-    points are moved at random by up to `jitter` (below 0.5) of the spacing. Raises `ValueError` for
-    fewer than four vertices or an empty canvas.
+    points are moved at random by up to `jitter` (below 0.5) of the spacing. The canvas has `height`
+    x `width` pixels. Raises `ValueError` for fewer than four vertices or an empty canvas.
     """
     if vertices < 4 or min(height, width) < 1:
         raise ValueError(
@@ -62,8 +63,8 @@ def delaunay_start(target: Target, vertices: int, *, seed: int = 0) -> Mesh:
     """Make a Delaunay mesh of random points, which are denser where the image changes more.
 
     Points on the border are evenly spaced, and the four corners are always among them. The mesh has
-    `vertices` points, or fewer if the image has too few pixels, since a pixel holds at most one
-    point inside. Hardly any points lie where the target's weights are 0. Low-polygon filters make
+    `vertices` points, or fewer if the image has too few pixels, since at most one point lies inside
+    each pixel. Hardly any points lie where the target's weights are 0. Low-polygon filters make
     such meshes without any fitting, so this is a baseline as well as a start.
     """
     height, width = target.image.shape[:2]
@@ -103,9 +104,9 @@ def error_start(
     vertices whose removal raises the squared error least, and insert as many where they lower it
     most. On photographs these rounds raise the PSNR by 2 dB.
 
-    - `model`: the colour model whose squared error counts.
-    - `seed`: seed of the uniform mesh that comes first.
-    - `must_start()`: asked before each round; once it returns true, no further round is begun.
+    - `model`: the colour model (see `colors`) for which the squared error is computed.
+    - `seed`: seed of the uniform mesh with which the first round begins.
+    - `must_start()`: asked before each round; if it returns true, no further round begins.
 
     The mesh has fewer vertices if no more can lower the error. Raises `ValueError` as
     `uniform_start` does.

@@ -25,8 +25,9 @@ class Mesh(NamedTuple):
 
     - `positions`: float64, `(x, y)` in pixels.
     - `triangles`: int32, three vertex indices each, of positive area.
-    - `free_x`, `free_y`: whether a vertex may move along x and along y: neither at a corner of the
-      canvas, one on a side, both inside.
+    - `free_x`, `free_y`: whether a vertex may move along x, and along y. A corner of the canvas may
+      not move; a vertex on a side may move along that side only; all others may move along both
+      axes.
     """
 
     positions: Points
@@ -46,11 +47,11 @@ class Mesh(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """Every edge once, with the one or two triangles beside it.
+    """The edges of a mesh, each once, with the one or two triangles beside it.
 
-    Each edge lies in a first triangle, which has its vertices in the order a, b, and in a second,
-    which has them in the order b, a. An edge on the border of the canvas has no second triangle,
-    and -1 in its place.
+    An edge joins two vertices a and b. It belongs to a first triangle, which has its vertices in
+    the order a, b, and to a second, which has them in the order b, a. An edge on the border of the
+    canvas has no second triangle; -1 stands for all values of the second triangle.
 
     - `ends`: the vertices a and b.
     - `triangles`: indices of the first and the second triangle.
@@ -66,7 +67,10 @@ class Edges(NamedTuple):
 
 
 def make_mesh(positions: Points, triangles: Triangles, *, height: int, width: int) -> Mesh:
-    """Make a mesh in which the vertices exactly on the border are bound to it."""
+    """Make a mesh in which the vertices exactly on the border of the canvas may only move along it.
+
+    `positions` are in pixels. The tiling is not checked.
+    """
     x, y = positions.T
     return Mesh(
         np.asarray(positions, np.float64),
@@ -77,10 +81,10 @@ def make_mesh(positions: Points, triangles: Triangles, *, height: int, width: in
 
 
 def delaunay_mesh(positions: Points, *, height: int, width: int) -> Mesh:
-    """Make the Delaunay triangulation of points that include the corners of the canvas.
+    """Make the Delaunay triangulation of points, which must include the corners of the canvas.
 
-    Raises `ValueError` if it does not tile the canvas, because a point lies outside, occurs twice,
-    or is missing at a corner.
+    Raises `ValueError` if the triangles do not tile the canvas, because a point lies outside,
+    occurs twice, or is missing at a corner.
     """
     triangles = Delaunay(positions).simplices
     areas = signed_areas(positions, triangles)
@@ -92,7 +96,10 @@ def delaunay_mesh(positions: Points, *, height: int, width: int) -> Mesh:
 
 
 def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, " triangles"]:
-    """Areas of triangles in square pixels, positive for positive orientation."""
+    """Areas of triangles in square pixels, positive for positive orientation.
+
+    The orientation is positive if (b - a) x (c - a) is, with x right and y down.
+    """
     a, b, c = (positions[triangles[:, i]] for i in range(3))
     return 0.5 * cross(b - a, c - a)
 
@@ -163,11 +170,11 @@ def greedy_disjoint(
     claims: Int[np.ndarray, "candidates claims"],
     size: int,
 ) -> Int[np.ndarray, " chosen"]:
-    """Choose candidates greedily, highest priority first, so that no two claim the same number.
+    """Choose candidates greedily, highest priority first, so that no two claim the same integer.
 
-    A candidate claims the numbers in its row of `claims`, such as the triangles that it would
-    change. They are below `size`; negative entries claim nothing. Returns the indices of the chosen
-    candidates, in order of falling priority.
+    A candidate claims the integers in its row of `claims`, such as the indices of the triangles
+    that it would change. The integers are below `size`; negative ones claim nothing. Returns the
+    indices of the chosen candidates, in order of falling priority.
     """
     is_claimed = bytearray(size)
     chosen = []
@@ -187,7 +194,7 @@ def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
 
 
 def least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
-    """The least altitude, in pixels, of any triangle around each vertex."""
+    """The least altitude, in pixels, of the triangles around each vertex."""
     corners = mesh.positions[mesh.triangles]
     longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
     altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side

@@ -1,8 +1,9 @@
 """The unknowns of a mesh that tiles the canvas, the scene that they make, and its residual.
 
-With `Area("sum")` the image of a tiling and its derivatives are exact, and no seams show. A flipped
-triangle would be drawn with negative area, which could lower the error. A second residual, which
-grows as triangles become too small, keeps the solver from flipping triangles.
+With `Area("sum")` the image of a tiling and its derivatives are exact, and no seams are visible. A
+triangle of reversed orientation would be drawn with negative area, which could lower the error. A
+second residual, which grows as triangles become too small, keeps the solver from reversing
+triangles.
 """
 
 from typing import Any, NamedTuple
@@ -29,8 +30,8 @@ class MeshUnknowns(NamedTuple):
     """The arrays that the solver changes, in units in which equal steps have about equal effects.
 
     - `positions`: positions in pixels of the fit, divided by `MeshData.scale`.
-    - `colors`: one per vertex, `[vertices, 3]`, or one or three per triangle, `[triangles, 1 or 3,
-      3]`; drawn clipped to 0..1.
+    - `colors`: one colour per vertex, `[vertices, 3]`, or one or three per triangle, `[triangles, 1
+      or 3, 3]`. They are clipped to 0..1 when drawn.
     """
 
     positions: Float[Array, "vertices 2"]
@@ -38,19 +39,19 @@ class MeshUnknowns(NamedTuple):
 
 
 class MeshData(NamedTuple):
-    """Arrays that may change between chunks without compiling again.
+    """The data of the residual: arrays that may change between chunks without compiling again.
 
     - `target`: the target at the size of the fit, as `Loss.prepare` returns it.
     - `weights`: factor for the squared or absolute error of each pixel; None: all are 1.
-    - `background`: black, which a tiling never shows.
+    - `background`: black, which is never visible behind a tiling.
     - `triangles`: vertex indices. The array has the length that any mesh with as many vertices may
-      need, and is filled up with spare triangles, which name one vertex three times.
-    - `free`: whether each coordinate of each vertex may move. Those that are bound to a border, or
+      need, and is filled up with spare triangles, whose three corners are one vertex.
+    - `free`: whether each coordinate of each vertex may move. Those that are fixed by a border, or
       frozen by the user, may not.
-    - `fixed`: positions in pixels, from which the coordinates that may not move are taken.
+    - `fixed`: positions in pixels, from which the coordinates are taken that may not move.
     - `scale`: pixels per unit of position, for each vertex. It is smaller at thin triangles, so
       that one step moves each vertex by a similar fraction of the size of its triangles.
-    - `frozen`: colours that the solver does not change; None: it changes all.
+    - `frozen`: colours that the solver must not change, with their values; None: there are none.
     """
 
     target: Float[Array, "height width channels"]
@@ -69,20 +70,22 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 
 
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit, spare triangles included."""
+    """Make the scene of the unknowns, in pixels of the fit, with the spare triangles."""
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
 
 
 class MeshResidual(eqx.Module):
-    """Maps unknowns and data to the residual or loss, the image, and whether it outgrew the plan.
+    """The function that the solver minimises in a fit of a mesh (see `AbstractFit.residual`).
 
-    With squared error, it returns a pair of residuals: of the image, and of small triangles. With
-    any other loss, the squares of the second residual are added to the scalar loss.
+    It draws the unknowns, and returns `(out, (image, outgrown))`. `outgrown` says whether the scene
+    needs more capacity than the plan has. With squared error, `out` is a pair of residuals: that of
+    the image, and that of small triangles. With any other loss, `out` is the scalar loss plus the
+    squares of the second residual.
 
     - `plan`: for the size of the fit, with coverage `Area("sum")`.
-    - `loss`: the error of the image, as a residual or a scalar.
+    - `loss`: the error of the image.
     """
 
     plan: Plan
@@ -102,9 +105,10 @@ class MeshResidual(eqx.Module):
 def _fold_residual(
     positions: Float[Array, "vertices 2"], triangles: Int[Array, "triangles 3"]
 ) -> Float[Array, " triangles"]:
-    """Residual of each triangle smaller than `_SMALL_AREA`, which keeps growing as it flips.
+    """Residual that penalises each triangle of less area than `_SMALL_AREA`, also of negative area.
 
-    It is zero, with zero gradient, for triangles that are large enough and for spare ones.
+    It grows linearly as the area falls. It is zero, with zero gradient, for triangles that are
+    large enough and for spare ones. `positions` are in pixels of the fit.
     """
     a, b, c = (positions[triangles[:, corner]] for corner in range(3))
     ab, ac = b - a, c - a

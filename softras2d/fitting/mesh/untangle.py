@@ -5,19 +5,21 @@ import numpy as np
 from .triangulation import Mesh, Points, is_bound, signed_areas
 
 _MAX_HALVINGS = 12
-"""Number of rounds that halve the movement of vertices, before rounds stop them instead."""
+"""Number of rounds that halve the movement of vertices; later rounds stop vertices instead."""
 
 _LEAST_AREA = 0.05
-"""Least area, in square pixels, of a triangle after the move, unless it was smaller before."""
+"""Least area, in square pixels, that the move may leave to a triangle, unless it was smaller
+before."""
 
 
 def untangle(mesh: Mesh, goals: Points) -> Mesh:
-    """Move the vertices as far towards `goals` as their triangles allow; return the moved mesh.
+    """Move the vertices towards `goals` as far as no triangle is flipped; return the moved mesh.
 
-    `goals` are positions in pixels. Coordinates bound to a border stay, and the others stay inside
-    the canvas. Each vertex moves by a fraction 1, 1/2, 1/4, ... of the way to its goal, or not at
-    all. The fraction is halved until each of its triangles has an area of at least `_LEAST_AREA`,
-    or its area before the move if that is less. A coordinate whose goal is NaN stays.
+    `goals` are positions in pixels. A coordinate that a border fixes, or whose goal is NaN, stays.
+    The other vertices stay inside the canvas. Each vertex moves by a fraction 1, 1/2, 1/4, ... of
+    the way to its goal, or not at all. The fraction is halved until each triangle around the vertex
+    has an area of at least `_LEAST_AREA`, or, if it was smaller before the move, of at least its
+    area then.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)
