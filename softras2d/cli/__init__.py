@@ -35,6 +35,7 @@ app.command("demo")(make_demo)
 
 
 def _print_version(wanted: bool) -> bool:
+    """Print the version and exit if `wanted`, the value of `--version`, is true."""
     if wanted:
         typer.echo(f"softras2d {__version__}")
         raise typer.Exit

@@ -1,4 +1,4 @@
-"""`softras2d compare`: compares an image with another one, or with the exact image of a drawing."""
+"""`softras2d compare`: compares an image with another image, or with the exact image of an SVG."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from ..comparison.compare import Comparison
 
 _DRAWING = ".svg"
-"""Suffix of the files that are rendered; all other files are read as images."""
+"""Suffix of files that are rendered for the comparison; all others are read as images."""
 
 _SAMPLES = 16
-"""Default number of samples per pixel at which a drawing is rendered."""
+"""Default number of samples per pixel with which an SVG drawing is rendered."""
 
 Actual = Annotated[Path, typer.Argument(metavar="A.png", show_default=False, help="Image to test.")]
 Expected = Annotated[
@@ -105,9 +105,10 @@ def compare_files(
 def _exact_image(
     drawing: Path, image: "np.ndarray", samples: int, dialect: names.SvgDialect
 ) -> "np.ndarray":
-    """Render a drawing at the size of `image`, with `samples` samples per pixel.
+    """Render an SVG drawing at the size of `image`, with `samples` samples per pixel.
 
-    If all values of `image` are levels of 8 bits, the result is rounded to such levels too.
+    If all values of `image` are multiples of 1/255, as in an 8-bit file, the result is rounded to
+    such values, too.
     """
     from ..io.pixel_values import round_to_levels
     from .render_steps import make_plan, read_scene, render_image
@@ -122,7 +123,10 @@ def _exact_image(
 
 
 def _print(comparison: "Comparison", actual: Path, expected: Path) -> None:
-    """Print a line that says whether the images match, and a table of the measures."""
+    """Print a line that says whether the two images match, and a table of the measures.
+
+    `actual` and `expected` are the files that were compared.
+    """
     console = Console(highlight=False, soft_wrap=True)
     verdict, style = ("matches", "green") if comparison.matches else ("differs from", "bold red")
     console.print(f"{actual} {verdict} {expected}", style=style, markup=False)

@@ -1,4 +1,4 @@
-"""`softras2d demo`: renders the bundled scenes at three sample rates."""
+"""`softras2d demo`: renders the bundled scenes with 1, 4 and 16 samples per pixel."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from .session import session
 
 _RATES = (1, 4, 16)
-"""Numbers of samples per pixel at which each scene is rendered."""
+"""Numbers of samples per pixel with which each scene is rendered."""
 
 
 def make_demo(

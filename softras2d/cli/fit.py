@@ -85,10 +85,10 @@ _SETTINGS = (
     "triangles", "family", "shading", "translucent", "solver", "size", "seed", "softness", "colors",
     "loss", "light", "palette", "background", "freeze",
 )  # fmt: skip
-"""Parameters of `fit_picture` that are settings of the optimisation, given as values."""
+"""Parameters of `fit_picture` that are arguments of `fit`, perhaps after parsing."""
 
 _FILES_OF_SETTINGS = ("weights", "focus", "start")
-"""Parameters of `fit_picture` that name files or pixels from which settings are made."""
+"""Parameters of `fit_picture` from which the arguments `weights` and `start` of `fit` are made."""
 
 _PICTURE_ONLY = ("output", "compare_in", "seconds", "resume", "watch")
 """Other parameters of `fit_picture` that films do not have."""
@@ -151,10 +151,10 @@ def _picture_options(pictures: list[Path], options: dict[str, Any]) -> PictureOp
 
 
 def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
-    """Parse the options in `given` that are texts of numbers or colours.
+    """Parse the options in `given` whose values are texts of numbers, colours or names.
 
-    Returns `given` with the parsed values in place of the texts. Raises `ValueError` for texts that
-    cannot be parsed.
+    Returns `given` with the parsed values in place of these texts. Raises `ValueError` for texts
+    that cannot be parsed.
     """
     return given | {
         "softness": _parse_softness(given["softness"]),
@@ -165,10 +165,11 @@ def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
-    """Raise `ValueError` for more than one picture, and for outputs that cannot be written.
+    """Raise `ValueError` if one picture cannot be fitted with these options.
 
-    It is also raised for options about SVG files if none is written, and for a missing browser.
-    `pictures` are all pictures that the user has named.
+    This is so if the user has named more than one picture, if an output cannot be written or would
+    replace an input, if an option about SVG files is given and none is written, and if the browser
+    of `--compare-in` is missing. `pictures`: all pictures that the user has named.
     """
     if len(pictures) > 1:
         raise ValueError(
@@ -184,10 +185,10 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
 
 
 def _default_output(target: Path | None) -> Path:
-    """Path of the output if the user gives none: an SVG beside the picture `target`.
+    """Path of the output if the user gives no `--output`: an SVG beside the picture `target`.
 
-    It is standard output if the picture comes from standard input, and `valley.fit.svg` in the
-    current folder for the bundled picture (None).
+    If the picture comes from standard input (`-`), it is standard output. For the bundled picture
+    (None), it is `valley.fit.svg` in the current folder.
     """
     if target == STANDARD_STREAM:
         return STANDARD_STREAM
@@ -196,7 +197,11 @@ def _default_output(target: Path | None) -> Path:
 
 
 def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float | None) -> None:
-    """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded."""
+    """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded.
+
+    - `settings`: arguments of `fit`, by name, as `_parse_texts` returns them.
+    - `steps`, `seconds`: the limits of the fit, or None.
+    """
     from ..fitting import choices, steering
 
     frozen, _ = steering.normalize_freeze(settings["freeze"])
@@ -206,7 +211,7 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 
 
 def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
-    """Warn of options that were given, but have no effect on a resumed fit.
+    """Warn of options that the user gave, although they have no effect on a resumed fit.
 
     `options`: the values of all parameters of `fit_picture`, by name.
     """
@@ -232,7 +237,7 @@ def _list_changed_options(options: dict[str, Any], names: Iterable[str]) -> str:
 
 
 _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softness", "light")
-"""Parameters of `fit_picture` that are passed on to `fit_frames` for a film."""
+"""Parameters of `fit_picture` that are arguments of `fit_frames`, which fits a film."""
 
 
 def _check_film(frames: list[Path], film: FilmOptions, options: dict[str, Any]) -> None:
@@ -262,14 +267,16 @@ def _fit_film(
     console: Console,
     bar: FitBar,
 ) -> None:
-    """Fit a film, write its animation, and print a line about it.
+    """Fit the frames of a film, write the animation, and print a line about it.
 
-    - `frames`: the pictures of the film.
-    - `settings`: all settings of the fit, of which only `_FILM_SETTINGS` are used.
-    - `steps`: optimizer steps of the first frame, or None for the default.
+    - `frames`: the files of the frames, in order.
+    - `options`: values of the options for films.
+    - `settings`: arguments of `fit`, of which only `_FILM_SETTINGS` are used.
+    - `steps`: optimizer steps of the first frame; None for the default.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+    - `bar`: shows the progress.
 
-    Raises `KeyboardInterrupt` at the end if the fit was interrupted.
+    Raises `KeyboardInterrupt` at the end if Ctrl-C was pressed during the fit.
     """
     bar.show("loading JAX")
     from ..numerics.compilation_cache import keep_compiled_programs
@@ -288,7 +295,10 @@ def _fit_film(
 
 
 def _parse_softness(text: str) -> float | list[float]:
-    """Parse `--softness`: one width of soft edges in pixels, or `FIRST:LAST` as a list of two."""
+    """Parse `--softness`: one width of soft edges in pixels, or `FIRST:LAST`, which becomes a list.
+
+    Raises `ValueError` for a text that is not numbers.
+    """
     try:
         widths = [float(part) for part in text.split(":")]
     except ValueError:

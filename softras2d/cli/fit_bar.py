@@ -9,10 +9,10 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 
 class FitBar:
-    """Shows what the command is doing, and how far the fit is.
+    """The progress bar of `softras2d fit`, with a text that says what the command is doing.
 
-    - `followers`: objects whose method `add` is called with each progress report.
-    - `shares`: how far the fit was at each progress report, in 0..1.
+    - `followers`: objects whose method `add` is called with each progress report of the fit.
+    - `shares`: share of the fit that was done at each progress report, in 0..1.
     """
 
     def __init__(self, progress: Progress, task: TaskID):
@@ -21,15 +21,15 @@ class FitBar:
         self._progress, self._task = progress, task
 
     def show(self, status: str) -> None:
-        """Show the text `status`, which says what the command is doing, beside the bar."""
+        """Show the text `status` beside the bar, without moving the bar."""
         self._progress.update(self._task, status=status)
 
     def advance(self, share: float, status: str) -> None:
-        """Show how far the work is, as a share in 0..1, and the text `status` beside the bar."""
+        """Move the bar to the share `share` of the work, 0..1, and show `status` beside it."""
         self._progress.update(self._task, completed=share, status=status)
 
     def report(self, report: Any) -> None:
-        """Show a `ProgressReport` of the fit, and pass it on to the followers."""
+        """Show a `ProgressReport` of the fit, and pass it on to all `followers`."""
         self.shares.append(report.share)
         record = report.record
         # The image of a step has another size and softer edges than the result.
@@ -49,7 +49,10 @@ class FitBar:
 
 @contextmanager
 def fit_bar(console: Console) -> Iterator[FitBar]:
-    """Show a progress bar during the body, if the console is a terminal; yields its `FitBar`."""
+    """Show a progress bar during a `with` block, if the console is a terminal.
+
+    Yields the `FitBar` that moves the bar; without a terminal it shows nothing.
+    """
     columns = (
         TextColumn("fitting"),
         BarColumn(),

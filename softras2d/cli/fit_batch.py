@@ -144,7 +144,7 @@ def fit_folder(
 
 
 def _join(coordinator: str | None, processes: int | None, process: int | None) -> tuple[int, int]:
-    """Join the other processes; returns the index of this process and the number of processes.
+    """Join the processes that share the pictures; return the index of this one, and their number.
 
     The arguments are the values of `--coordinator`, `--processes` and `--process`. Without a
     coordinator there is one process. Raises `ValueError` if one of the options is missing.
@@ -170,7 +170,7 @@ def _join(coordinator: str | None, processes: int | None, process: int | None) -
 
 
 def _local_devices() -> Any:
-    """The JAX devices of this process, or None if it has only one."""
+    """The JAX devices of this process; None if there is only one."""
     import jax
 
     devices = jax.local_devices()
@@ -178,14 +178,16 @@ def _local_devices() -> Any:
 
 
 def _mean_psnr(done: list[Any]) -> float:
+    """Mean PSNR, in dB, of fitted pictures, which are `folder.Fitted`; 0 without pictures."""
     return sum(fitted.psnr for fitted in done) / max(len(done), 1)
 
 
 @contextmanager
 def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any]:
-    """Show a progress bar; yields the function to call after a picture was appended to `done`.
+    """Show a progress bar during a `with` block.
 
-    `total` is the number of pictures of this process, including those that were done before.
+    Yields the function to call after the scores of a picture were appended to `done`. `total` is
+    the number of pictures of this process, including those that an earlier command has fitted.
     """
     columns = (
         TextColumn("fitting"),
@@ -208,10 +210,11 @@ def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any
 
 
 def _print_summary(output: Path, done: list[Any], skipped: int) -> None:
-    """Print one line about the pictures of this process.
+    """Print one line about the pictures that this process has fitted.
 
-    `done` has the scores of each picture that is finished; `skipped` is the number of those that an
-    earlier command has fitted.
+    - `output`: the folder of the results.
+    - `done`: the scores (`folder.Fitted`) of each picture that is finished.
+    - `skipped`: number of pictures, of those in `done`, that an earlier command has fitted.
     """
     text = f"{output}: {len(done) - skipped} pictures fitted, {skipped} were done before"
     if done:

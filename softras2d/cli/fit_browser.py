@@ -1,6 +1,6 @@
 """Compares the SVG of a fit, as a browser shows it, with the image of the fit.
 
-Imports JAX: for use within a command.
+This module imports JAX, so it is imported only while a command runs.
 """
 
 import tempfile
@@ -15,11 +15,12 @@ from .fit_paths import STANDARD_STREAM, find_suffix
 
 
 def browser_line(options: PictureOptions, result: FitResult) -> str:
-    """One line about how much the first SVG of a fit differs, in a browser, from the fit's image.
+    """Show the SVG of a fit in a browser; return a line on its difference from the fit's image.
 
-    The browser is that of `--compare-in`. The image is `FitResult.image`, which is the one that is
-    scored, with 16 samples per pixel. Therefore the difference includes what the SVG lacks because
-    of gradients and of `--digits`.
+    The browser is that of `--compare-in`. The SVG is the first that the command writes. The image
+    is `FitResult.image`, which is the one that is scored, with 16 samples per pixel. Therefore the
+    difference includes what the SVG lacks because its colours are gradients, and because of
+    `--digits`.
 
     Raises `OSError`, with a message of one line, if the browser fails or takes too long, and
     `ValueError` if its picture cannot be decoded.

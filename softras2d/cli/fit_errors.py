@@ -1,4 +1,4 @@
-"""Rewrites errors of `fit`, which name its arguments, so that they name options instead."""
+"""Rewrites error messages of `fit`, which name its arguments, so that they name options instead."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,9 +18,9 @@ _NAMED = re.compile(r"`(\w+)(?:=([^`]*))?`")
 
 @contextmanager
 def errors_name_options(values: Mapping[str, object]) -> Iterator[None]:
-    """Replace arguments of `fit` by options in the message of a `ValueError` that the body raises.
+    """In a `with` block, rewrite the message of a `ValueError`, so that it names options.
 
-    `values` are the values that the user gave for some arguments, as in `in_options`.
+    Arguments of `fit` in the message are replaced as by `in_options`, which explains `values`.
     """
     try:
         yield
@@ -29,11 +29,15 @@ def errors_name_options(values: Mapping[str, object]) -> Iterator[None]:
 
 
 def in_options(message: str, values: Mapping[str, object]) -> str:
-    """Replace each argument of `fit` in backticks in a message by its option.
+    """Replace each argument of `fit` that stands in backticks in a message by its option.
 
-    `values` has the values that the user gave for some arguments, such as files; they follow the
-    option. In place of `target`, which has no option, its value stands alone. A value inside the
-    backticks, as in `loss='ssim'`, follows the option too, unless it is True.
+    - `` `loss` `` becomes `--loss`. If `values` has a value for the argument, such as a file, it
+      follows the option.
+    - A value inside the backticks follows the option, too, unless it is True: `` `loss='ssim'` ``
+      becomes `--loss ssim`.
+    - `` `target` ``, which has no option, is replaced by its value alone.
+
+    `values`: the values that the user gave for some arguments, by name.
     """
 
     def option(match: re.Match[str]) -> str:

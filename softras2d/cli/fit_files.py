@@ -1,4 +1,7 @@
-"""Writes the files of `softras2d fit`. Imports JAX: for use within a command."""
+"""Writes the files of `softras2d fit`.
+
+This module imports JAX, so it is imported only while a command runs.
+"""
 
 import sys
 import tempfile
@@ -24,22 +27,25 @@ from ..scene import Scene
 from .fit_paths import COMPACT, STANDARD_STREAM
 
 _MAX_FRAMES = 40
-"""Number of frames of an animation before the last one; they are evenly spaced over the fit."""
+"""Largest number of frames of an animation of a fit, without its last frame.
+
+The frames are evenly spaced over the fit."""
 
 _MAX_SIDE = 320
-"""Maximum length of the longer side of an animation, in pixels."""
+"""Largest number of pixels along the longer side of an animation."""
 
 
 def write_all(
     paths: list[Path], result: FitResult, frames: "AnimationFrames | None", digits: int | None
 ) -> None:
-    """Write every file of a fit, in the formats that their suffixes name.
+    """Write every file of a fit, in the format that its suffix names.
 
-    - `frames`: the frames of an animation; None if none is to be written.
-    - `digits`: decimals of coordinates in an SVG; None for exact numbers.
+    - `paths`: the files; `-` is an SVG on standard output.
+    - `frames`: the frames of an animation; None if no GIF is written.
+    - `digits`: number of decimals of coordinates in an SVG; None for exact numbers.
 
-    If a file cannot be written, the others are still written. Then `ValueError` is raised, which
-    names all files that failed.
+    If a file cannot be written, the others are still written. After that, a `ValueError` names all
+    files that failed.
     """
     failures = []
     for path in paths:
@@ -55,7 +61,10 @@ def write_all(
 def _write(
     path: Path, result: FitResult, frames: "AnimationFrames | None", digits: int | None
 ) -> None:
-    """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout."""
+    """Write one file of a fit, in the format that its suffix names; `-` is an SVG on stdout.
+
+    The arguments are as in `write_all`.
+    """
     if path == STANDARD_STREAM:
         with tempfile.TemporaryDirectory(prefix="softras2d-") as folder:
             file = Path(folder) / "fit.svg"
@@ -81,14 +90,14 @@ def _write(
 
 
 def size_note(path: Path, result: FitResult) -> str:
-    """The size of the compact file `path`, as text that continues the line of scores."""
+    """Text about the size of the compact file `path`, which is appended to the summary."""
     size = path.stat().st_size
     bits = 8 * size / (result.height * result.width)
     return f"; {path} has {size} bytes, {bits:.3f} bits per pixel"
 
 
 def browser_note(result: FitResult) -> str:
-    """Describe how close the SVG in a browser comes to the fit; continues the line of scores.
+    """Text about how browsers show the SVG of a fit, which is appended to the summary.
 
     The PSNR in the text is estimated without a browser: the scene is drawn in the colours that the
     gradients of the SVG can express, and compared with the image of the fit.
@@ -102,7 +111,7 @@ def browser_note(result: FitResult) -> str:
 
 
 class AnimationFrames:
-    """Collects scenes during a fit, evenly spaced over its duration, for an animation at its end.
+    """Collects scenes during a fit, evenly spaced over its duration, and writes them as a GIF.
 
     `size` is the (height, width) of the picture to fit, in pixels.
     """
@@ -112,12 +121,12 @@ class AnimationFrames:
         self._scenes: list[tuple[float, Scene]] = []
 
     def add(self, report: ProgressReport) -> None:
-        """Store the scene of a progress report if the fit has advanced enough for another frame."""
+        """Store the scene of a progress report, if it is time for another frame."""
         if not self._scenes or report.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((report.share, report.scene()))
 
     def write(self, path: Path, last: Scene) -> None:
-        """Draw the stored scenes, and then the scene `last`, and write them as a GIF."""
+        """Draw the stored scenes, followed by the scene `last`, and write them as a GIF."""
         scenes = [scene for _, scene in self._scenes]
         images = small_images(scenes, self._height, self._width) if scenes else []
         # The last scene has another number of triangles.
@@ -125,10 +134,9 @@ class AnimationFrames:
 
 
 def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
-    """Draw scenes at the size of an animation: at most `_MAX_SIDE` pixels on the longer side.
+    """Draw scenes as RGB images of at most `_MAX_SIDE` pixels on the longer side, for an animation.
 
-    The scenes have arrays of equal shapes, and a canvas of `height` x `width` pixels. Returns RGB
-    images.
+    The scenes have arrays of equal shapes, in pixels of a canvas of `height` x `width`.
     """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))
@@ -139,4 +147,5 @@ def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
 
 
 def _scaled(scene: Scene, scale: float) -> Scene:
+    """Multiply the positions of a scene by `scale`."""
     return replace(scene, positions=to_device(np.asarray(scene.positions) * np.float32(scale)))

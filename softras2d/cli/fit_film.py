@@ -1,4 +1,7 @@
-"""Fits the frames of a film, for `softras2d fit --animation`. Imports JAX: for use in a command."""
+"""Fits the frames of a film, for `softras2d fit --animation`.
+
+This module imports JAX, so it is imported only while a command runs.
+"""
 
 import time
 from collections.abc import Sequence
@@ -19,7 +22,7 @@ from .fit_files import small_images
 from .fit_options import FilmOptions
 
 _FIRST_STEPS = 500
-"""Solver steps of the first frame, unless `--steps` gives another number."""
+"""Number of solver steps of the first frame, unless `--steps` gives another number."""
 
 
 def fit_film(
@@ -29,10 +32,12 @@ def fit_film(
     steps: int | None,
     bar: FitBar,
 ) -> tuple[list[FitResult], list[Image]]:
-    """Fit the frames in these files; returns a result for each frame, and the images fitted.
+    """Read and fit the frames of a film; return a result for each frame, and the images read.
 
+    - `frames`: the files of the frames, in order.
+    - `options`: values of the options for films.
     - `settings`: arguments of `fit_frames` other than steps and those in `options`.
-    - `steps`: solver steps of the first frame, or None for the default.
+    - `steps`: solver steps of the first frame; None for the default.
     - `bar`: shows how many frames are done.
 
     After Ctrl-C, both lists have only the frames that are done. Raises `ValueError` for frames of
@@ -74,7 +79,7 @@ def read_frames(paths: Sequence[Path]) -> list[Image]:
 
 
 def write_film(options: FilmOptions, results: Sequence[FitResult]) -> None:
-    """Write the animation, as a GIF if its suffix is `.gif`, else as an SVG."""
+    """Write the results of the frames as an animation: a GIF if the suffix is `.gif`, else SVG."""
     scenes = [result.scene for result in results]
     height, width = results[0].height, results[0].width
     if options.animation.suffix.lower() == ".gif":
@@ -97,10 +102,13 @@ def film_summary(
     targets: Sequence[Image],
     start_seconds: float,
 ) -> str:
-    """One line about a film: its file, its scores, and the time since `start_seconds`.
+    """Make the line about a film that is printed: its file, its scores, and the elapsed time.
 
-    `start_seconds` is on the clock of `time.perf_counter`. The line includes the flicker, unless
-    the film has one frame or no pixel that stands still.
+    The line includes the flicker (see `comparison.flicker`), unless the film has one frame or no
+    pixel that stands still.
+
+    - `results`, `targets`: the result and the image of each frame.
+    - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
     """
     elapsed = time.perf_counter() - start_seconds
     psnr = float(np.mean([result.psnr for result in results]))

@@ -1,4 +1,4 @@
-"""Options of `softras2d fit`."""
+"""Declares the options of `softras2d fit`, with their help texts."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ SECONDS = 30.0
 
 
 class Rectangle(NamedTuple):
-    """A rectangle of whole pixels. `x` and `y` are its left and upper edges."""
+    """A rectangle of pixels: its left edge `x`, its upper edge `y`, and its size."""
 
     x: int
     y: int
@@ -27,9 +27,9 @@ class Rectangle(NamedTuple):
 
 
 def parse_rectangle(text: str | Rectangle) -> Rectangle:
-    """Parse `X,Y,WIDTH,HEIGHT`: four whole numbers; width and height must be above 0.
+    """Parse `X,Y,WIDTH,HEIGHT`: four integers, of which the last two must be above 0.
 
-    A `Rectangle` is returned as it is. Raises `typer.BadParameter` for other text.
+    A `Rectangle` is returned unchanged. Raises `typer.BadParameter` for other text.
     """
     if isinstance(text, Rectangle):
         return text
@@ -254,7 +254,7 @@ Browser = Annotated[
 
 
 class FilmOptions(NamedTuple):
-    """Values of the options that apply to films alone, and of `--digits`.
+    """The values of the options that apply only to films, and of `--digits`.
 
     - `animation`: file to write.
     - `frame_steps`: optimizer steps of each frame after the first.
@@ -271,9 +271,9 @@ class FilmOptions(NamedTuple):
 
 
 class PictureOptions(NamedTuple):
-    """Values of the options for one picture that are not settings of the optimisation.
+    """The values of the options for fitting one picture that are not settings of the optimisation.
 
-    - `target`: the picture to fit; None for a bundled one, `-` for standard input.
+    - `target`: the picture to fit; None for the bundled one, `-` for standard input.
     - `outputs`: the files to write, from `--output`.
     - The other fields have the names of their options.
     """
@@ -291,10 +291,11 @@ class PictureOptions(NamedTuple):
 
     @property
     def values(self) -> dict[str, object]:
-        """Values of `target`, `weights`, `start` and `resume`, for `errors_name_options`.
+        """The values of some arguments of `fit`, by name, for `fit_errors.errors_name_options`.
 
-        Without a target, the value of `target` is the name of the bundled picture. `weights` and
-        `resume` are None if they were not given; `start` is the text of `--start` or its default.
+        They are `target`, `weights`, `start` and `resume`. Without a target, the value of `target`
+        is the name of the bundled picture. `weights` and `resume` are None if they were not given;
+        `start` is the text of `--start` or its default.
         """
         return {
             "target": self.target or BUNDLED, "weights": self.weights, "start": self.start,

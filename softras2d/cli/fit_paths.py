@@ -1,4 +1,4 @@
-"""Checks the files that `softras2d fit` is given, before JAX is loaded."""
+"""Checks the files that `softras2d fit` reads and writes, before JAX is loaded."""
 
 import os
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def find_suffix(paths: Sequence[Path], suffix: str) -> Path | None:
 
 
 def check_input(path: Path | None) -> None:
-    """Raise `ValueError` unless a file exists. None and `-` are accepted."""
+    """Raise `ValueError` unless `path` is an existing file, `-` (standard input) or None."""
     if path is None or path == STANDARD_STREAM or path.is_file():
         return
     if path.is_dir():
@@ -39,9 +39,9 @@ def check_input(path: Path | None) -> None:
 
 
 def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
-    """Raise `ValueError` if one of `paths` cannot be written, or is given twice.
+    """Raise `ValueError` if one of the output files `paths` cannot be written, or is given twice.
 
-    `inputs` are files that must not be overwritten, with the role of each for the message.
+    `inputs`: files that must not be overwritten; each has its role as a text for the message.
     """
     for path in paths:
         if path == STANDARD_STREAM:
@@ -59,16 +59,19 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
 
 
 def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
-    """Raise `ValueError` if `digits` is given and none of `paths`, the outputs, is an SVG."""
+    """Raise `ValueError` if `--digits` is given, but none of the output files is an SVG.
+
+    `digits` is the value of the option; `paths` are the output files.
+    """
     if digits is not None:
         _check_svg("--digits", paths)
 
 
 def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
-    """Raise `ValueError` if `--compare-in` is given, but no SVG is written or no browser found.
+    """Raise `ValueError` if `--compare-in` is given without an SVG to write or a browser to use.
 
     - `name`: the value of the option, a command or a path; None if it is not given.
-    - `paths`: the outputs.
+    - `paths`: the output files.
     """
     if name is None:
         return
@@ -82,7 +85,10 @@ def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
 
 
 def _check_svg(option: str, paths: Sequence[Path]) -> None:
-    """Raise `ValueError`, which names `option`, if none of `paths`, the outputs, is an SVG."""
+    """Raise `ValueError` unless one of the output files is an SVG.
+
+    `option`: the option that needs an SVG, for the message.
+    """
     if STANDARD_STREAM not in paths and find_suffix(paths, ".svg") is None:
         names_of_files = ", ".join(map(str, paths))
         raise ValueError(f"{option} is for SVG files; got no SVG to write, but {names_of_files}.")
@@ -91,7 +97,8 @@ def _check_svg(option: str, paths: Sequence[Path]) -> None:
 def check_start(text: str, family: str) -> None:
     """Raise `ValueError` unless `text`, the value of `--start`, is a known name or kind of file.
 
-    Both families can start from an `.npz`, and `layers` also from an `.svg`.
+    Fits of either family can start from an `.npz` file, and fits of layers also from an `.svg`
+    file.
     """
     starts = get_args(names.FitStart)
     suffix = Path(text).suffix.lower()
@@ -102,7 +109,7 @@ def check_start(text: str, family: str) -> None:
 
 
 def check_animation(path: Path) -> None:
-    """Raise `ValueError` if an animation cannot be written to `path`, for its suffix or folder."""
+    """Raise `ValueError` unless `path` has the suffix .svg or .gif and can be written."""
     if path.suffix.lower() not in (".svg", ".gif"):
         raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")
     check_writable_path(path)

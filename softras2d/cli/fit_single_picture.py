@@ -1,4 +1,7 @@
-"""Fits one picture, for `softras2d fit`. Imports JAX: for use within a command."""
+"""Fits one picture, for `softras2d fit`.
+
+This module imports JAX, so it is imported only while a command runs.
+"""
 
 import sys
 import time
@@ -28,17 +31,17 @@ from .stopping import announce_signals
 from .view import check_server_packages, shown_address
 
 _ANIMATION_SECONDS = 5.0
-"""Seconds reserved for drawing an animation; at most three tenths of the time limit."""
+"""Seconds of the time limit reserved for drawing an animation; at most 0.3 of the limit."""
 
 _ESTIMATE_SECONDS = 4.0
-"""Seconds reserved for drawing an SVG's gradients as browsers do; at most a fifth of the time
-limit."""
+"""Seconds of the time limit reserved for drawing the gradients of an SVG as browsers do; at most a
+fifth of the limit."""
 
 _BROWSER_SECONDS = 3.0
-"""Seconds reserved for showing an SVG in a browser; at most a fifth of the time limit."""
+"""Seconds of the time limit reserved for showing an SVG in a browser; at most a fifth of it."""
 
 _LAST_PICTURE_SECONDS = 10.0
-"""Maximum number of seconds to wait until the page that shows the fit has its last image."""
+"""Longest time, in seconds, to wait until the page of `--watch` has received its last image."""
 
 
 def fit_single_picture(
@@ -52,12 +55,14 @@ def fit_single_picture(
 ) -> None:
     """Fit one picture, write its files, and print a line about them.
 
+    - `options`: values of the options that are not settings of the optimisation.
     - `settings`: arguments of `fit`, other than those in `options`.
-    - `steps`: number of steps after which the fit stops, or None.
-    - `seconds`: time limit of the whole command, or None. Without `steps` it is 30 s by default.
+    - `steps`: total number of steps after which the fit stops, or None.
+    - `seconds`: time limit of the command, or None, which means 30 s unless `steps` is given.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+    - `console`, `bar`: where warnings and progress are shown.
 
-    Raises `KeyboardInterrupt` at the end if the fit was interrupted.
+    Raises `KeyboardInterrupt` at the end if Ctrl-C was pressed during the fit.
     """
     keep_compiled_programs()
     outputs, resume, target = options.outputs, options.resume, options.target
@@ -103,9 +108,10 @@ def fit_single_picture(
 
 
 def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
-    """Raise `ValueError` if one of `outputs` is a JPEG and the result of the fit will have alpha.
+    """Raise `ValueError` if an output file is a JPEG, and the result of the fit will have alpha.
 
-    It will if `picture` has translucent pixels, and if `background` is `"transparent"`.
+    The result has alpha if `picture` has translucent pixels, and if `background` is
+    `"transparent"`.
     """
     for path in outputs:
         if background == "transparent" and path.suffix.lower() in (".jpg", ".jpeg"):
@@ -117,7 +123,7 @@ def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
 
 
 def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Console) -> None:
-    """Warn if a resumed fit has already taken `steps` steps, so that none is left.
+    """Warn if the fit that is resumed has already taken `steps` steps, so that none is left.
 
     - `earlier`: the `FitResult` of the saved fit.
     - `resume`: the file from which it was read.
@@ -146,13 +152,13 @@ def _has_corner_colors(family: str, shading: str | None) -> bool:
 def _seconds_of_fit(
     seconds: float | None, start_seconds: float, options: PictureOptions, has_corner_colors: bool
 ) -> float:
-    """Seconds that are left for the fit itself, at least 0.001.
+    """Compute the seconds that remain for the fit itself, at least 0.001.
 
-    - `seconds`: time limit of the whole command; None means `SECONDS`.
-    - `start_seconds`: when the command began, on the clock of `time.perf_counter`.
-    - `options`: time is reserved for an animation, for an SVG with gradients, and for comparing an
-      SVG in a browser.
-    - `has_corner_colors`: whether an SVG of the fit has gradients.
+    - `seconds`: time limit of the command; None means `SECONDS`.
+    - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+    - `options`: time is reserved if these ask for an animation, an SVG, or a comparison in a
+      browser.
+    - `has_corner_colors`: whether an SVG of the fit has gradients, which take time to draw.
     """
     elapsed = time.perf_counter() - start_seconds
     limit = SECONDS if seconds is None else seconds
@@ -168,10 +174,11 @@ def _seconds_of_fit(
 
 @contextmanager
 def _watched(picture: Any, target: Path | None, watch: bool, browser: bool) -> Iterator[Any]:
-    """Serve a page that shows the fit during the body; yields the `WatchedFit` to report to.
+    """Serve a page that shows the fit during a `with` block, if `watch` is true.
 
-    Yields None if `watch` is false. The page also shows the picture to fit, for comparison. It is
-    opened in the browser if `browser` is true.
+    Yields the `WatchedFit` whose method `add` takes progress reports; None if `watch` is false. The
+    page also shows the picture to fit, for comparison. If `browser` is true, the page is opened in
+    the browser.
     """
     if not watch:
         yield None

@@ -1,4 +1,7 @@
-"""Reads the start of a fit: a name or a file. Imports JAX: for use within a command."""
+"""Reads the value of `--start`, a name or a file, as the argument `start` of `fit`.
+
+This module imports JAX, so it is imported only while a command runs.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +20,17 @@ from ..scene import Scene
 
 
 def read_start(text: str, family: str, size: int | None, height: int, width: int) -> Any:
-    """The value of the argument `start` of `fit` for the text of the option `--start`.
+    """Convert the text of the option `--start` to the argument `start` of `fit`.
 
-    - `text`: a name, which is returned unchanged, or a file; `fit_paths.check_start` checked it.
+    - `text`: a name, which is returned unchanged, or a file; `fit_paths.check_start` has checked
+      it.
     - `family`: family of the new fit.
     - `size`: longer side of the image during the new fit, in pixels; None for the default.
     - `height`, `width`: size of the picture to fit, in pixels.
 
-    An SVG is read as a scene of the size of the picture. A fit saved as `.npz` is stretched to it,
-    and becomes a scene, or a `Mesh` for family `mesh`. Raises `ValueError` for a file that does not
-    hold a start, and for a saved fit of another family.
+    An SVG file is read as a scene in pixels of the picture. The scene of a fit saved as `.npz` is
+    stretched to the picture. If the family is `mesh`, it is converted to a `Mesh` in pixels of the
+    fit. Raises `ValueError` for a file that cannot be read, and for a saved fit of another family.
     """
     if text in STARTS:
         return text
@@ -44,9 +48,10 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
 
 
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
-    """The mesh of a saved fit, scaled to the pixels of the new fit, which `frame` describes.
+    """Convert the scene of a saved fit to a mesh in pixels of the new fit, given by `frame`.
 
-    Vertices that differ from the right or bottom border by a rounding error are put exactly on it.
+    Vertices that lie beside the right or bottom border by a rounding error are moved exactly onto
+    it.
     """
     canvas = np.array([earlier.width, earlier.height], np.float64)
     relative = np.asarray(earlier.scene.positions, np.float64) / canvas
@@ -58,5 +63,6 @@ def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
 
 
 def _stretched(scene: Scene, x_scale: float, y_scale: float) -> Scene:
+    """Multiply the x and the y of the positions of a scene by two factors."""
     positions = np.asarray(scene.positions) * np.array([[x_scale, y_scale]], np.float32)
     return replace(scene, positions=to_device(positions))

@@ -1,4 +1,4 @@
-"""Options of `softras2d fit` that steer a fit: palette, background, and what is frozen."""
+"""Declares and parses the options `--palette`, `--background` and `--freeze` of `softras2d fit`."""
 
 import re
 from typing import Annotated, Any, get_args
@@ -42,7 +42,7 @@ _COLOR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 def parse_palette(text: str | None) -> int | list[list[float]] | None:
-    """Parse `--palette`: `8` is a number of colours, `#ff8000,#000000` a list of colours.
+    """Parse `--palette`: `8` is a number of colours, `#ff8000,#000000` is a list of colours.
 
     Colours become RGB values in 0..1. None, which means that the option was not given, stays None.
     Raises `ValueError` for other text, and for a number of colours outside 1..`MAX_PALETTE`.
@@ -69,9 +69,10 @@ def parse_palette(text: str | None) -> int | list[list[float]] | None:
 
 
 def parse_background(text: str) -> Any:
-    """Parse `--background`: a name such as `mean` is returned as it is, `#ff8000` as RGB in 0..1.
+    """Parse `--background`: a name such as `mean`, or a colour such as `#ff8000`.
 
-    Raises `ValueError` for other text.
+    A name is returned unchanged, and a colour becomes RGB values in 0..1. Raises `ValueError` for
+    other text.
     """
     known, color = get_args(names.FitBackground), _parse_color(text.strip())
     if text not in known and color is None:
@@ -83,10 +84,10 @@ def parse_background(text: str) -> Any:
 
 
 def parse_freeze(text: str | None) -> list[str] | None:
-    """Parse `--freeze`: names such as `positions,colors`, as a list.
+    """Parse `--freeze`: names, separated by commas, such as `positions,colors`. Returns a list.
 
     None, which means that the option was not given, stays None. Raises `ValueError` for a name that
-    is not known, or that needs a mask.
+    is not known, and for one that needs a mask.
     """
     if text is None:
         return None

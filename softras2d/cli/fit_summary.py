@@ -1,6 +1,6 @@
-"""Makes the line about the result that `softras2d fit` prints.
+"""Makes the line that `softras2d fit` prints about its result.
 
-Imports JAX: for use within a command.
+This module imports JAX, so it is imported only while a command runs.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ def summary(
     shares: Sequence[float],
     seconds: int | float | None,
 ) -> str:
-    """One line with the files written, the number of triangles, the scores and the time.
+    """Make the line about a fit: its files, the number of triangles, the scores and the time.
 
-    - `outputs`: the files that were written; notes about an SVG and a compact file are added.
+    - `outputs`: the files that were written. Notes about an SVG and a compact file are appended.
     - `elapsed`: seconds since the command began.
-    - `shares`, `seconds`: as in `shortfall`, whose reason is added if triangles are missing.
+    - `shares`, `seconds`: as in `shortfall`, whose reason is included if triangles are missing.
     """
     count, wanted = len(result.scene.triangles), result.settings["triangles"]
     reason = shortfall(result, shares, seconds)
@@ -44,9 +44,9 @@ def summary(
 def shortfall(
     result: FitResult, shares: Sequence[float], seconds: int | float | None
 ) -> str | None:
-    """Why a fit has fewer triangles than it was asked for, and what helps; None if it has all.
+    """Say why a fit has fewer triangles than asked for, and what helps; None if it has all.
 
-    - `shares`: how far the fit was after each chunk of steps, in 0..1.
+    - `shares`: share of the fit that was done after each chunk of steps, in 0..1.
     - `seconds`: the time limit of the fit in seconds; None if it was limited by steps.
     """
     count, settings = len(result.scene.triangles), result.settings

@@ -1,4 +1,4 @@
-"""Makes the weights of the pixels of a fit, from an image and from rectangles to focus on."""
+"""Makes the weights of the pixels of a fit, from the options `--weights` and `--focus`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,13 +16,14 @@ FOCUS_WEIGHT = 10.0
 def pixel_weights(
     image: Path | None, focus: Sequence[Rectangle], height: int, width: int
 ) -> PixelMap | None:
-    """Weights `[height, width]` of the pixels of a picture, or None if all pixels count alike.
+    """Make the weights `[height, width]` of the pixels of a picture; None if all are equal.
 
-    - `image`: file of the same size, whose mean of R, G and B is the weight; or None.
-    - `focus`: rectangles whose weights are multiplied by `FOCUS_WEIGHT`, once where they overlap.
+    - `image`: file of an image of the same size, whose mean of R, G and B is the weight; or None.
+    - `focus`: rectangles in which weights are multiplied by `FOCUS_WEIGHT`, once where they
+      overlap.
     - `height`, `width`: size of the picture to fit, in pixels.
 
-    Raises `ValueError` for an image of another size or that is black everywhere, and for a
+    Raises `ValueError` for an image that has another size or is black everywhere, and for a
     rectangle outside the picture.
     """
     if image is None and not focus:
@@ -45,9 +46,9 @@ def pixel_weights(
 
 
 def _slices(rectangle: Rectangle, height: int, width: int) -> tuple[slice, slice]:
-    """The rows and columns of a `height` x `width` picture that a rectangle covers.
+    """The rows and columns of a picture of `height` x `width` pixels that a rectangle covers.
 
-    Raises `ValueError` if it lies outside the picture.
+    Raises `ValueError` if the rectangle lies outside the picture.
     """
     x, y, focus_width, focus_height = rectangle
     rows = slice(max(y, 0), min(y + focus_height, height))

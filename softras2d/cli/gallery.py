@@ -1,7 +1,8 @@
-"""Renders all bundled scenes with few compiled programs. Imports JAX: for use within a command.
+"""Renders all bundled scenes with few compiled programs.
 
 Scenes of equal structure and equal array shapes share one compiled program. Compiling takes most of
-the time, so scenes of equal structure are padded to equal shapes.
+the time, so scenes of equal structure are padded to equal shapes. This module imports JAX, so it is
+imported only while a command runs.
 """
 
 import dataclasses
@@ -24,14 +25,14 @@ from .render_steps import render_image
 
 
 class SceneGroup(NamedTuple):
-    """Scenes of equal structure and array shapes, which one compiled program can render."""
+    """Named scenes of equal structure and array shapes, which one compiled program can render."""
 
     names: list[str]
     scenes: list[Scene]
 
 
 def scene_groups() -> list[SceneGroup]:
-    """Group the bundled scenes by structure, and pad the scenes of a group to equal shapes."""
+    """Group the bundled scenes by structure, and pad the scenes of each group to equal shapes."""
     groups: dict[tuple, SceneGroup] = {}
     for name in scenes.names():
         scene = scenes.read(name)
@@ -49,7 +50,7 @@ def scene_groups() -> list[SceneGroup]:
 
 
 def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Render every bundled scene at every number of samples per pixel in `rates`.
+    """Render every bundled scene with every number of samples per pixel in `rates`.
 
     Yields `(name, samples, image)` for each image, in the order in which they are finished.
     """
@@ -65,7 +66,7 @@ def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
 
 
 def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.ndarray]]:
-    """Render the scenes of a group; returns `(name, samples, image)` for each."""
+    """Render the scenes of a group; return `(name, samples, image)` for each scene."""
     hard = Hard(samples=samples)
     shared = plan(group.scenes, height=scenes.SIZE, width=scenes.SIZE, coverage=hard)
     images = (render_image(scene, shared) for scene in group.scenes)
@@ -99,10 +100,10 @@ def _padded_scenes(group: list[Scene]) -> list[Scene]:
 
 
 def _padded_textures(pyramids: list[TexturePyramid | None]) -> list[TexturePyramid | None]:
-    """Pad the texels and mip levels of each pyramid to the largest numbers among all.
+    """Pad the texels and the table of mip levels of each pyramid to the largest numbers among all.
 
-    The last level, which has one texel, is repeated. If there are scenes without textures (None),
-    nothing is padded.
+    In the table, the last level, which has one texel, is repeated. If there are scenes without
+    textures (None), nothing is padded.
     """
     present = [pyramid for pyramid in pyramids if pyramid is not None]
     if len(present) < len(pyramids):
@@ -128,7 +129,7 @@ def _pad(array: Array, length: int, value: float | int) -> Array: ...
 @overload
 def _pad(array: None, length: int, value: float | int) -> None: ...
 def _pad(array: Array | None, length: int, value: float | int) -> Array | None:
-    """Append entries of `value` to the first axis, up to `length`; None stays None."""
+    """Append entries of `value` to the first axis of an array, up to `length`; None stays None."""
     if array is None:
         return None
     host = np.asarray(array)

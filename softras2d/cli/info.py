@@ -78,7 +78,7 @@ def describe_scene(
 
 
 def _size_in_file(source: Any) -> str:
-    """The size that a `SceneSource` declares, as text; `none` if it declares none."""
+    """Text of the size that the `SceneSource` `source` declares; `none` if it declares none."""
     try:
         height, width = source.size()
     except ValueError:
@@ -87,9 +87,9 @@ def _size_in_file(source: Any) -> str:
 
 
 def _cost_table(scene: Any, plan: Any, status_console: Console) -> Table:
-    """Measure the cost of rendering the scene, and the scene without each of its effects.
+    """Measure the cost of rendering the scene, and of rendering it without each of its effects.
 
-    `status_console` shows what is being measured.
+    Returns a table with a row for each. `status_console` shows what is being measured.
     """
     from ..rendering.cost import Price, price_effects
 

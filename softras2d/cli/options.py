@@ -13,9 +13,9 @@ _PICTURE = "Drawing the image"
 
 
 class Size(NamedTuple):
-    """Size of an image in pixels.
+    """The value of the option `--size` or `--window`, in pixels.
 
-    If `height` is None, `width` is the longer side, and the scene gives the aspect ratio.
+    If `height` is None, `width` is the longer side, and the scene decides the aspect ratio.
     """
 
     width: int
@@ -23,7 +23,7 @@ class Size(NamedTuple):
 
 
 class Pixel(NamedTuple):
-    """A pixel of the scene, by its column `x` and row `y`, which may lie outside the canvas."""
+    """A pixel, given by its column `x` and its row `y`; it may lie outside the canvas."""
 
     x: int
     y: int
@@ -39,9 +39,9 @@ class Color(NamedTuple):
 
 
 def parse_size(text: str | Size) -> Size:
-    """Parse `800x600`, width and height in pixels, or `800`, the longer side.
+    """Parse `800x600`, width and height in pixels, or `800`, the longer side in pixels.
 
-    A `Size` is returned as it is. Raises `typer.BadParameter` for other text.
+    A `Size` is returned unchanged. Raises `typer.BadParameter` for other text.
     """
     # Typer passes defaults, which are parsed already, through the parser too.
     if isinstance(text, Size):
@@ -53,7 +53,7 @@ def parse_size(text: str | Size) -> Size:
 
 
 def parse_pixel(text: str | Pixel) -> Pixel:
-    """Parse `X,Y`: two integers, which may be negative; a `Pixel` is returned as it is.
+    """Parse `X,Y`: two integers, which may be negative. A `Pixel` is returned unchanged.
 
     Raises `typer.BadParameter` for other text.
     """
@@ -69,7 +69,7 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 def parse_color(text: str | Color) -> Color:
     """Parse a CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`.
 
-    A `Color` is returned as it is. Raises `typer.BadParameter` for other text.
+    A `Color` is returned unchanged. Raises `typer.BadParameter` for other text.
     """
     if isinstance(text, Color):
         return text
@@ -258,7 +258,11 @@ Fit = Annotated[
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """The values of the options above, for the functions of `render_steps.py`."""
+    """The values of the options that say how a scene is read and drawn.
+
+    Each field is the value of the option of the same name in this file, whose help text describes
+    it.
+    """
 
     samples: int = 16
     size: Size | None = None

@@ -144,15 +144,15 @@ def render_scenes(
 
 
 class Tiling(NamedTuple):
-    """Settings of `--tiled`. `tile` is the side of a tile in pixels, or None for the default."""
+    """The values of the options about tiles. `tile`: side of a tile in pixels; None: default."""
 
     tile: int | None
 
 
 def _tiling(tiled: bool, tile: int | None, output: Path) -> Tiling | None:
-    """The settings of `--tiled`, or None without that option.
+    """Return the settings for drawing an image in tiles; None without the option `--tiled`.
 
-    Raises `ValueError` for `--tile` without `--tiled`, and for tiles on standard output.
+    Raises `ValueError` for `--tile` without `--tiled`, and for `--tiled` with standard output.
     """
     if not tiled:
         if tile is not None:
@@ -174,8 +174,13 @@ def _render_each(
 ) -> str:
     """Render each scene to the file of the same index in `targets`, and continue after errors.
 
-    Returns a line about the last image written; empty if there is none. Adds one line to `failures`
-    for each scene that failed. If SOFTRAS2D_DEBUG is set, the first error is raised instead.
+    Returns a line about the last image that was written; empty if there is none. Appends one line
+    to `failures` for each scene that failed. If SOFTRAS2D_DEBUG is set, the first error is raised
+    instead.
+
+    - `settings`: how scenes are read and drawn.
+    - `truncate`: the value of the option `--truncate`.
+    - `tiling`: the settings of `--tiled`; None: images are not drawn in tiles.
     """
     from ..numerics.compiled_programs import drop_programs
 
@@ -198,10 +203,12 @@ def _render_each(
 
 
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
-    """The path of the image file of every scene; `-` is standard output.
+    """Choose the path of the image file of every scene; `-` is standard output.
 
-    `kind` is the suffix of files in a folder, without its dot. The folder is created if `output` is
-    one. Raises `ValueError` if several scenes would be written to one file.
+    - `output`: the value of `--output`, a file or a folder. A folder is created.
+    - `kind`: suffix of the files in a folder, without its dot.
+
+    Raises `ValueError` if several scenes would be written to one file.
     """
     from ..io.outputs import WRITABLE
 
@@ -228,7 +235,7 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
 
 def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
-    """Render one scene to one image file; returns a line about the image."""
+    """Render one scene file to one image file; return a line about the image."""
     from .render_steps import make_plan, read_scene, render_image, window_size
 
     started = time.perf_counter()
@@ -251,7 +258,7 @@ def _render_tiled(
     tiling: Tiling,
     console: Console,
 ) -> str:
-    """Render one scene to one image file, tile by tile; returns a line about the image."""
+    """Render one scene file to one image file, tile by tile; return a line about the image."""
     import jax
 
     from ..io.image_stream import check_stream
@@ -277,7 +284,7 @@ def _render_tiled(
 
 @contextmanager
 def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar for the tiles of an image.
+    """Show a progress bar for the tiles of an image during a `with` block.
 
     Yields the function to call after each tile, with the number of tiles done and of all tiles.
     """
@@ -289,15 +296,15 @@ def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
 
 
 class OutputError(ValueError):
-    """An error about the image file that is written. Its message needs no name of the scene."""
+    """An error about the image file that is written; its message need not name the scene."""
 
 
 @contextmanager
 def _errors_of_output(named: Path | None = None) -> Iterator[None]:
-    """Turn `ValueError` and `OSError` of the body into `OutputError`.
+    """In a `with` block, turn `ValueError` and `OSError` into `OutputError`.
 
-    If `named`, the path of the image file, is given, a `ValueError` whose message does not begin
-    with this path is about the scene, and is raised unchanged.
+    `named`: the path of the image file, or None. If it is given, a `ValueError` whose message does
+    not begin with this path is about the scene, and is raised unchanged.
     """
     try:
         yield
@@ -309,7 +316,11 @@ def _errors_of_output(named: Path | None = None) -> Iterator[None]:
 
 
 def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
-    """Write an image file, or a PNG on standard output for `-`."""
+    """Write an image to the file `target`; `-` is a PNG on standard output.
+
+    - `linear`: whether the values of the image are linear light, so that they are encoded as sRGB.
+    - `truncate`: whether values are truncated to 8 bits, instead of rounded.
+    """
     from ..io.images import write_image
 
     with _errors_of_output():
@@ -334,9 +345,9 @@ def _coverage_text(settings: RenderOptions) -> str:
 
 @contextmanager
 def _progress_bar(total: int, console: Console) -> Iterator:
-    """Show a progress bar for `total` images; yields the function to call after each.
+    """Show a progress bar for `total` images during a `with` block.
 
-    For a single image, no bar is shown.
+    Yields the function to call after each image. For a single image, no bar is shown.
     """
     if total == 1:
         yield lambda: None

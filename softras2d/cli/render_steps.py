@@ -1,4 +1,7 @@
-"""Reads, plans and renders one scene as the options say. Imports JAX: for use within a command."""
+"""Reads, plans and renders one scene as the options of a command say.
+
+This module imports JAX, so it is imported only while a command runs.
+"""
 
 import dataclasses
 import warnings
@@ -20,11 +23,11 @@ from .scene_sources import SceneSource
 
 
 def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
-    """Read a scene; returns it, and the height and width of its canvas in pixels.
+    """Read a scene; return the scene, and the height and width of its canvas in pixels.
 
     `path` is a file, `-` for standard input, or the name of a bundled scene. If the options give a
-    canvas with another aspect ratio than the drawing, a warning says so, unless `options.fit` says
-    what to do.
+    canvas with another aspect ratio than the drawing, and `options.fit` does not say how to fill
+    the canvas, a warning says that margins remain.
     """
     source = SceneSource(path, options.dialect)
     is_whole_size = options.size is not None and options.size.height is not None
@@ -69,12 +72,12 @@ def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
 
 
 def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[int, int]:
-    """The (height, width) of the canvas in pixels.
+    """Choose the (height, width) of the canvas in pixels.
 
-    - `size`: value of the option `--size`. A size without height sets the longer side, and keeps
-      the aspect ratio of the file.
-    - `file_size`: the (height, width) that the scene file gives, which is used without `size`. It
-      may be None if `size` has a height.
+    - `size`: value of the option `--size`. If it has no height, its width is the length of the
+      longer side, and the aspect ratio is that of `file_size`.
+    - `file_size`: the (height, width) that the scene file declares, which is the result without
+      `size`. It may be None if `size` has a height.
     """
     if size is not None and size.height is not None:
         return size.height, size.width
@@ -87,10 +90,10 @@ def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[i
 
 
 def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]:
-    """The (height, width) of the image in pixels, where the whole drawing has `height` x `width`.
+    """Choose the (height, width) of the image in pixels, if the drawing has `height` x `width`.
 
-    `window` is the value of the option `--window`; without it, the image shows the whole drawing.
-    Raises `ValueError` for a window without height.
+    `window` is the value of the option `--window`, the size of the image; without it, the image
+    shows the drawing in full. Raises `ValueError` for a window without height.
     """
     if window is None:
         return height, width
@@ -100,14 +103,14 @@ def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]
 
 
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
-    """Make the plan to render an image of `height` x `width` pixels."""
+    """Plan to render an image of `height` x `width` pixels, as the options say."""
     return plan(scene, height=height, width=width, **_plan_arguments(options))
 
 
 def make_tiled_plan(
     scene: Scene, height: int, width: int, options: RenderOptions, tile: int | None
 ) -> TiledPlan:
-    """Make the plan to render an image of `height` x `width` pixels in tiles.
+    """Plan to render an image of `height` x `width` pixels in tiles, as the options say.
 
     `tile` is the side of a tile in pixels, or None for the default.
     """
@@ -134,7 +137,7 @@ def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
 
 
 def render_image(scene: Scene, plan: Plan) -> np.ndarray:
-    """Render a scene to a numpy image `[height, width, channels]`.
+    """Render a scene to a NumPy image `[height, width, channels]`.
 
     Raises `ValueError` if the scene exceeds a capacity of the plan, so that an image never lacks
     triangles.

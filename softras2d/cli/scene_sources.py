@@ -1,7 +1,7 @@
 """Reads the scene that the command line names: a file, `-` (standard input), or a bundled scene.
 
-A file takes precedence over a bundled scene of the same name. Imports JAX: for use within a
-command.
+A file takes precedence over a bundled scene of the same name. This module imports JAX, so it is
+imported only while a command runs.
 """
 
 import sys
@@ -38,7 +38,7 @@ class SceneSource:
     def size(self) -> tuple[int, int]:
         """The (height, width) in pixels that the scene declares.
 
-        Raises `ValueError`, in the words of the command line, if it declares none.
+        Raises `ValueError` if it declares none, with a message that names the option `--size`.
         """
         if scenes.is_bundled(self.path):
             return scenes.SIZE, scenes.SIZE
@@ -52,9 +52,10 @@ class SceneSource:
             raise ValueError(message) from None
 
     def size_with_margins(self, height: int, width: int) -> tuple[float, float] | None:
-        """The (height, width) of the drawing if it would leave margins on a canvas, otherwise None.
+        """The (height, width) of the drawing if margins would remain on a canvas, otherwise None.
 
-        The canvas has `height` x `width` pixels. The size is in the drawing's units.
+        The canvas has `height` x `width` pixels. The result is in the drawing's own units, such as
+        those of its `viewBox`.
         """
         if scenes.is_bundled(self.path):
             side = scenes.SIZE
@@ -64,9 +65,10 @@ class SceneSource:
         return size_with_margins(document, height, width)
 
     def read(self, **keywords: Any) -> Scene:
-        """Read the scene; `keywords` are the keyword arguments of `read_svg` other than `dialect`.
+        """Read the scene.
 
-        A bundled scene that is made by a script takes only `height` and `width` from them.
+        `keywords`: the keyword arguments of `read_svg` other than `dialect`. For a bundled scene
+        that a Python function makes, only `height` and `width` of them are used.
         """
         if scenes.is_bundled(self.path):
             name = str(self.path)

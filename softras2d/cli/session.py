@@ -17,15 +17,16 @@ from ..numerics.compilation_cache import keep_compiled_programs
 def session(
     *, long_running: bool = False, error_code: int = 1, loads_jax: bool = True
 ) -> Iterator[Console]:
-    """Run the body of a command; yields a console that prints to stderr.
+    """Run the body of a command in a `with` block; yields a console that prints to stderr.
+
+    An expected error (see `is_expected`) is printed as one red line, and ends the command with
+    `error_code`. A warning is printed as one yellow line. Ctrl-C ends the command with one line and
+    exit code 130. If SOFTRAS2D_DEBUG is set, errors keep their traceback.
 
     - `long_running`: whether the command spends more time running its programs than compiling them.
-    - `error_code`: exit code after an expected error (see `is_expected`).
+    - `error_code`: exit code after an expected error.
     - `loads_jax`: whether to set up the compilation cache, which loads JAX. False for a command
       that first checks its arguments, and then calls `keep_compiled_programs` itself.
-
-    An expected error is printed as one red line, and a warning as one yellow line. Ctrl-C ends the
-    command with one line and exit code 130. If SOFTRAS2D_DEBUG is set, errors keep their traceback.
     """
     console = Console(stderr=True)
     if not debugging():
@@ -53,7 +54,7 @@ def session(
 
 
 def debugging() -> bool:
-    """Whether errors keep their traceback (environment variable SOFTRAS2D_DEBUG)."""
+    """Whether errors keep their traceback, by the environment variable SOFTRAS2D_DEBUG."""
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
 
@@ -65,10 +66,10 @@ def is_expected(error: Exception) -> bool:
 
 
 def one_line(error: Exception, subject: Path | None = None) -> str:
-    """The message of an error on one line, which begins with `subject` unless it contains it.
+    """Convert an error to a message on one line, which names the file `subject`.
 
-    `subject` is the file that the error is about. A message without text becomes the type of the
-    error.
+    `subject`: the file that the error is about, or None. It is put before the message, unless the
+    message contains it. The message of an error without text is the type of the error.
     """
     if isinstance(error, OSError) and error.strerror:
         text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
@@ -78,9 +79,10 @@ def one_line(error: Exception, subject: Path | None = None) -> str:
 
 
 def failure_line(error: Exception, subject: Path) -> str:
-    """The message of an error about the file `subject`, on one line.
+    """The message, on one line, of an error about the file `subject`.
 
-    If the error is not expected, and so is a bug of the package, the line includes its type.
+    An error that is not expected (see `is_expected`) is a bug of the package. For such an error the
+    line includes its type.
     """
     if is_expected(error):
         return one_line(error, subject)
@@ -91,14 +93,20 @@ def failure_line(error: Exception, subject: Path) -> str:
 
 
 def print_message(kind: str, message: str, console: Console) -> None:
-    """Print `error: ...` in red or `warning: ...` in yellow, on one line, without markup."""
+    """Print `error: ...` in red or `warning: ...` in yellow, on one line.
+
+    `kind` is `"error"` or `"warning"`. Brackets in `message` are not interpreted as markup.
+    """
     style = {"error": "bold red", "warning": "yellow"}[kind]
     console.print(Text.assemble((f"{kind}: ", style), (message, style)), soft_wrap=True)
 
 
 @contextmanager
 def _one_line_warnings(console: Console) -> Iterator[None]:
-    """Print each `UserWarning` on one line, but none about the compilation cache."""
+    """In a `with` block, print each `UserWarning` on one line.
+
+    Warnings about the compilation cache are not printed.
+    """
 
     def show_warning(message: Warning | str, *_: object, **__: object) -> None:
         print_message("warning", " ".join(str(message).split()), console)

@@ -1,4 +1,4 @@
-"""Confirms Ctrl-C and SIGTERM at once, while a compiled program keeps the main thread busy."""
+"""Answers Ctrl-C and SIGTERM at once, while a compiled program keeps the main thread busy."""
 
 import signal
 import socket
@@ -13,17 +13,18 @@ _ANSWERS = (
     "stopping, writing the best so far; once more to give up",
     "giving up; a checkpoint (-o FIT.npz) is kept",
 )
-"""Lines to print for the first and the second signal."""
+"""Lines that are printed after the first and after the second signal."""
 
 
 @contextmanager
 def announce_signals(console: Console) -> Iterator[None]:
-    """Print a line at once for the first two signals, Ctrl-C or SIGTERM; SIGTERM acts like Ctrl-C.
+    """In a `with` block, print a line at once for each of the first two signals, Ctrl-C or SIGTERM.
 
-    A line is printed only while the body has replaced Python's handler of Ctrl-C. Python runs
-    signal handlers in the main thread, between two instructions, so a handler waits for the end of
-    a compiled program. Another thread, which learns of the signal by `signal.set_wakeup_fd`, prints
-    the lines. If this function is not called in the main thread, it does nothing.
+    SIGTERM has the effect of Ctrl-C. A line is printed only while the body of the block has
+    replaced Python's handler of Ctrl-C. Python runs signal handlers in the main thread, between two
+    instructions, so a handler waits for the end of a compiled program. Another thread, which learns
+    of the signal by `signal.set_wakeup_fd`, prints the lines. If this function is not called in the
+    main thread, it does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -54,7 +55,7 @@ def _act_like_ctrl_c(number: int, frame: FrameType | None) -> None:
 def _answer(receiver: socket.socket, console: Console) -> None:
     """Print a line for each of the first two signals, until the other end of the socket is closed.
 
-    `receiver` receives the number of each signal as one byte.
+    `receiver`: the socket that receives the number of each signal as one byte.
     """
     answers = iter(_ANSWERS)
     while data := receiver.recv(1):

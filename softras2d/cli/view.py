@@ -83,10 +83,11 @@ def view_files(
 
 
 def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["Subject"]:
-    """Open each path as a subject, which the viewer can show: a file, bundled scene, or `-`.
+    """Open each path as a subject, which is something that the viewer can show.
 
-    `read_options` say how SVG files are read. Bundled scenes are read in the dialect in which they
-    are written, whatever the options say.
+    - `paths`: files, names of bundled scenes, or `-` for an SVG file on standard input.
+    - `read_options`: how SVG files are read. Bundled scenes are read in the dialect in which they
+      are written, whatever these options say.
     """
     from ..viewing.open_files import open_files
 
@@ -104,7 +105,7 @@ def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["S
 
 
 def _read_standard_input(read_options: "ReadOptions") -> "Subject":
-    """Read an SVG file from standard input, as a subject for the viewer.
+    """Read an SVG file from standard input, as a subject that the viewer can show.
 
     Raises `ValueError` for a file that declares no size.
     """
@@ -119,7 +120,10 @@ def _read_standard_input(read_options: "ReadOptions") -> "Subject":
 
 
 def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
-    """Open the bundled scene `name` as a subject for the viewer, in the dialect of its file."""
+    """Open the bundled scene `name` as a subject, which the viewer can show.
+
+    An SVG file is read by `read_options`, but in the dialect in which it is written.
+    """
     from ..viewing.scene_file import SceneFile
     from ..viewing.scene_in_memory import SceneInMemory
 
@@ -131,7 +135,7 @@ def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
 
 @contextmanager
 def shown_address(url: str, browser: bool) -> Iterator[None]:
-    """Print the address of the viewer's page; open it for the body if `browser` is true."""
+    """Print the address of the viewer's page; open it for the `with` block if `browser` is true."""
     from ..viewing.browser import opened_page
 
     Console(soft_wrap=True, highlight=False).print(f"viewer: {url}", markup=False)
@@ -140,7 +144,7 @@ def shown_address(url: str, browser: bool) -> Iterator[None]:
 
 
 def check_server_packages() -> None:
-    """Raise `ValueError`, one line, if the packages of the server are missing."""
+    """Raise `ValueError`, with a message of one line, if packages of the server are missing."""
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401

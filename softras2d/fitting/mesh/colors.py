@@ -21,7 +21,7 @@ from .pixel_weights import PixelWeights, pixel_weights
 from .triangulation import Mesh, Triangles
 
 ColorModel = Literal["vertex", "triangle", "linear"]
-"""The colour model: one colour per vertex, per triangle, or, for `"linear"`, per triangle corner."""
+"""The colour model: one colour per vertex, per triangle, or (`"linear"`) per triangle corner."""
 
 Colors = Float[np.ndarray, "..."]
 """Colours of a mesh: `[vertices, channels]` for the colour model `"vertex"`, `[triangles,

@@ -26,9 +26,9 @@ def frozen_colors(
 ) -> dict[str, bool | Mask]:
     """Return which colours are frozen, as the argument `masks` of `frozen.freeze`.
 
-    The result is empty if no colour is frozen. Otherwise it has one entry, `"colors"`: True for all
-    colours, or a mask with one boolean for each colour of `model`. Frozen positions have no entry,
-    because `MeshData.free` keeps them from moving.
+    The result has at most one entry, `"colors"`. It is True if all colours are frozen, or a mask:
+    one boolean for each vertex if `model` is `"vertex"`, otherwise one for each triangle. Frozen
+    positions have no entry, because `MeshData.free` keeps them from moving.
 
     `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     """
