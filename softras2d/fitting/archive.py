@@ -67,17 +67,17 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         if _begins_with(path, b"PK\x03\x04") and not zipfile.is_zipfile(path):
             size = path.stat().st_size
             raise ValueError(
-                f"{path}: not a whole .npz file: it is cut short after {size} bytes, before the "
+                f"{path}: not a complete .npz file: it is cut short after {size} bytes, before the "
                 "directory of its arrays."
             ) from None
         reason = " ".join(str(error).split()) or "it is cut short"
-        raise ValueError(f"{path}: not a whole .npz file: {_printable(reason)}.") from None
+        raise ValueError(f"{path}: not a complete .npz file: {_printable(reason)}.") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     except (struct.error, LookupError, NotImplementedError, RuntimeError) as error:
         # `zipfile` raises these for broken records, file names and compression methods.
         reason = type(error).__name__
-        raise ValueError(f"{path}: not a whole .npz file ({reason}).") from None
+        raise ValueError(f"{path}: not a complete .npz file ({reason}).") from None
 
 
 def _begins_with(path: Path, mark: bytes) -> bool:
@@ -153,7 +153,7 @@ def _read_header(name: str, file: Any) -> _Header:
     length = int.from_bytes(start[len(_MAGIC) :], "little")
     match = _HEADER_PATTERN.fullmatch(file.read(length)) if start.startswith(_MAGIC) else None
     if match is None:
-        raise ValueError(f"`{name}` must be an array as NumPy saves it; its header is another.")
+        raise ValueError(f"`{name}` must be an array as NumPy saves it; its header differs.")
     type_name, order, sizes = match.groups()
     type_name = type_name.decode("latin-1")
     try:

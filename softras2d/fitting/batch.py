@@ -79,7 +79,7 @@ def fit_batch(
         "background": background,
     }  # fmt: skip
     if devices is not None and len(devices) == 0:
-        raise ValueError("`devices` must name one device at least; got none.")
+        raise ValueError("`devices` must have at least one device; got none.")
     drop_programs()
     images = _check_targets(
         targets,
@@ -194,7 +194,7 @@ def _settings(
         result.history[-1].steps if result.history else 0 for result in earlier if result
     }
     if len(steps_before) > 1:
-        raise ValueError("`resume` must be fits of as many steps each.")
+        raise ValueError("`resume` must be fits with equal numbers of steps.")
     return settings
 
 

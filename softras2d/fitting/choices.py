@@ -84,7 +84,7 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     if settings["translucent"] and not family.translucent:
         raise ValueError("a mesh covers the canvas: `translucent` is for layers.")
     if settings["colors"] != "together" and settings["loss"] != "squared":
-        raise ValueError("colours in closed form are those of `loss='squared'`.")
+        raise ValueError("`colors` of 'solve' and 'polish' needs `loss='squared'`.")
     steering.check_palette(settings)
     steering.check_freeze(settings)
     steering.check_background(settings)

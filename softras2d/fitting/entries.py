@@ -92,7 +92,7 @@ class Entries:
         """Raise `ValueError` if there is an array that has not been removed."""
         for name in self._remaining:
             shown = "".join(c if c.isprintable() else "?" for c in name[:80])
-            raise ValueError(f"`{self.full_name(shown)}` is no entry of a fit.")
+            raise ValueError(f"`{self.full_name(shown)}` is not an array of a saved fit.")
 
 
 def read_json(name: str, data: np.ndarray) -> dict[str, Any]:

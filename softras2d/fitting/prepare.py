@@ -77,7 +77,7 @@ def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
     if isinstance(loss, str):
         return Loss(loss, light)  # pyright: ignore[reportArgumentType]
     if target.weights is not None:
-        raise ValueError("a function as `loss` takes no `weights`: weight the error within it.")
+        raise ValueError("a function as `loss` takes no `weights`: apply them in the function.")
     return Loss(light=light, function=loss)
 
 
@@ -150,7 +150,7 @@ def check_resume(resume: Any, target: Image) -> None:
     Of the target, only the size is compared here; `state.restore_state` compares its values.
     """
     if not isinstance(resume, FitResult):
-        raise ValueError(f"`resume` must be what an earlier fit gave; got {resume!r:.60}.")
+        raise ValueError(f"`resume` must be the result of an earlier fit; got {resume!r:.60}.")
     if (resume.height, resume.width) != target.shape[:2]:
         raise ValueError(
             f"`resume` is of {resume.width} x {resume.height} pixels; `target` has "
@@ -194,12 +194,12 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
     resumed = dict(earlier.settings)
     if resumed["loss"] == choices.FROM_OBJECT:
         if not callable(settings["loss"]):
-            raise ValueError("`resume` was fitted by a function as `loss`: hand one over again.")
+            raise ValueError("`resume` was fitted with a function as `loss`: give it again.")
         resumed["loss"] = settings["loss"]
     if solver_name in SOLVERS:
         return resumed
     if type(solver).__name__ != solver_name:
-        raise ValueError(f"`resume` was fitted by a {solver_name}: hand one over as `solver`.")
+        raise ValueError(f"`resume` was fitted with a {solver_name}: give one as `solver`.")
     return resumed | {"solver": solver}
 
 

@@ -48,8 +48,8 @@ def check_palette(settings: dict[str, Any]) -> None:
         is_valid = bool(((colors >= 0) & (colors <= 1)).all())
     if not is_valid:
         raise ValueError(
-            f"`palette` must be a number of colours from 1 to {MAX_PALETTE}, or as many colours "
-            f"[colours, 3] in 0..1; got {palette!r:.60}."
+            f"`palette` must be a number of colours from 1 to {MAX_PALETTE}, or an array of "
+            f"that many colours, [colours, 3] in 0..1; got {palette!r:.60}."
         )
     if settings["shading"] != "flat":
         raise ValueError(
@@ -116,9 +116,11 @@ def check_freeze(settings: dict[str, Any]) -> None:
     if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
         raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
     if "vertices" in groups and settings["family"] != "mesh":
-        raise ValueError("`freeze` of 'vertices' is for a mesh: layers share none.")
+        raise ValueError("`freeze` of 'vertices' is for a mesh: layers share no vertices.")
     if "opacity" in groups and not settings["translucent"]:
-        raise ValueError("`freeze` of 'opacity' needs `translucent=True`: else all are opaque.")
+        raise ValueError(
+            "`freeze` of 'opacity' needs `translucent=True`; without it, all triangles are opaque."
+        )
     is_named = isinstance(settings["start"], str) and settings["start"] in get_args(names.FitStart)
     masked = [group for group in MASKED if group in groups]
     if masked and is_named:
@@ -130,7 +132,7 @@ def check_freeze(settings: dict[str, Any]) -> None:
     if decides and settings["palette"] is not None:
         raise ValueError(f"`palette` changes colours: do not `freeze` {decides[0]!r}.")
     if "colors" in groups and settings["colors"] != "together":
-        raise ValueError("`freeze` of 'colors' needs `colors='together'`: they are not solved for.")
+        raise ValueError("`freeze` of 'colors' needs `colors='together'`.")
 
 
 def check_length(group: str, mask: np.ndarray, count: int) -> None:

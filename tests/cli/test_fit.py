@@ -50,7 +50,7 @@ def photo(tmp_path, monkeypatch):
         (["PHOTO", "--family", "mesh", "--translucent"], "--translucent is for layers"),
         (
             ["PHOTO", "--colors", "solve", "--loss", "l1"],
-            "colours in closed form are those of --loss squared",
+            "--colors of 'solve' and 'polish' needs --loss squared",
         ),
         (["PHOTO", "--focus", "90,0,9,9"], "--focus 90,0,9,9 lies outside the picture, 48 x 40"),
         (

@@ -75,7 +75,7 @@ def test_a_batch_takes_a_start_and_weights_for_each_and_resumes():
         assert result.psnr == pytest.approx(alone.psnr, abs=0.3), k
     with pytest.raises(ValueError, match="fits with the same settings"):
         sr.fit_batch(targets, resume=[longer_fits[0], sr.fit(targets[1], triangles=3, steps=1)])
-    with pytest.raises(ValueError, match="fits of as many steps"):
+    with pytest.raises(ValueError, match="fits with equal numbers of steps"):
         sr.fit_batch(targets, resume=[first_fits[0], longer_fits[1]])
     with pytest.raises(ValueError, match="is of 48 x 40 pixels"):
         sr.fit_batch([image[:20] for image in targets], resume=longer_fits)

@@ -273,7 +273,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`start` has 5 vertices; `triangles` allows 4": dict(
         family="mesh", start=mesh_of_corners(40, 48), triangles=2
     ),
-    "let through": dict(start=replace(TWO_TRIANGLES, colors=jnp.full((2, 1, 4), 0.5))),
+    "translucent triangles": dict(start=replace(TWO_TRIANGLES, colors=jnp.full((2, 1, 4), 0.5))),
     "suffix of a checkpoint must be .npz": dict(checkpoint="fit.ckpt"),
     "no folder": dict(checkpoint="nowhere/fit.npz"),
     "`translucent` is for layers": dict(family="mesh", translucent=True),
@@ -325,7 +325,7 @@ def test_a_saved_fit_loads_exactly(tmp_path):
     assert report["settings"]["seed"] == 0
     assert report["versions"]["jax"]
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
-    with pytest.raises(ValueError, match=r"not a whole \.npz file"):
+    with pytest.raises(ValueError, match=r"not a complete \.npz file"):
         sr.FitResult.load(tmp_path / "bad.npz")
     with pytest.raises(ValueError, match="no such file"):
         sr.FitResult.load(tmp_path / "none.npz")

@@ -128,7 +128,7 @@ def test_a_custom_solver_must_be_given_again_to_resume():
     settings: dict[str, Any] = {"triangles": 6, "start": "uniform"}
     first = sr.fit(TARGET, solver=levenberg_marquardt(5), steps=2, **settings)
     assert first.settings["solver"] == "ByProducts"
-    with pytest.raises(ValueError, match="fitted by a ByProducts: hand one over"):
+    with pytest.raises(ValueError, match="fitted with a ByProducts: give one as"):
         sr.fit(TARGET, resume=first, steps=4)
     second = sr.fit(TARGET, resume=first, solver=levenberg_marquardt(5), steps=4)
     assert second.history[-1].steps == 4

@@ -110,7 +110,9 @@ class TestEveryKind:
     def test_unknown_entries_are_named(self, kind, tmp_path):
         for name in ("more", "scene.depth", "state.solve.99", "state.kept.9", "state."):
             arrays = saved(kind) | {name: np.zeros(3)}
-            assert f"`{name}` is no entry of a fit" in error_of(write_fit(tmp_path, arrays))
+            assert f"`{name}` is not an array of a saved fit" in error_of(
+                write_fit(tmp_path, arrays)
+            )
 
 
 SETTINGS = {
@@ -225,7 +227,7 @@ def test_files_cut_short_are_refused(cut, tmp_path):
     path = tmp_path / "fit.npz"
     path.write_bytes(data[: int(cut * len(data)) if isinstance(cut, float) else cut])
     message = error_of(path)
-    assert "not a whole .npz file" in message
+    assert "not a complete .npz file" in message
     # The first four bytes tell an .npz from other files.
     if path.stat().st_size >= 4:
         assert f"cut short after {path.stat().st_size} bytes" in message
@@ -235,7 +237,7 @@ def test_missing_files_folders_and_text_are_refused(tmp_path):
     assert error_of(tmp_path / "none.npz") == "no such file."
     assert error_of(tmp_path) == "no such file."
     (tmp_path / "text.npz").write_text("words")
-    assert "not a whole .npz file" in error_of(tmp_path / "text.npz")
+    assert "not a complete .npz file" in error_of(tmp_path / "text.npz")
 
 
 class TestResume:

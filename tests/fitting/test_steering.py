@@ -146,7 +146,7 @@ def test_added_triangles_stay_where_they_were_placed():
 
 REFUSED: dict[str, dict[str, Any]] = {
     "`palette` must be a number of colours from 1 to 256": {"palette": 0},
-    "or as many colours": {"palette": [[0, 0, 2]]},
+    "that many colours": {"palette": [[0, 0, 2]]},
     "got 'red'": {"palette": "red"},
     "it needs `shading='flat'`; got 'gouraud'": {"palette": 4, "shading": "gouraud"},
     "it needs `colors='together'`; got 'solve'": {"palette": 4, "colors": "solve"},
@@ -215,7 +215,7 @@ def test_a_perceptual_loss_is_lowered(tmp_path):
     result.save(tmp_path / "fit.npz")
     loaded = sr.FitResult.load(tmp_path / "fit.npz")
     assert loaded.settings["loss"] == "given"
-    with pytest.raises(ValueError, match="function as `loss`: hand one over again"):
+    with pytest.raises(ValueError, match="function as `loss`: give it again"):
         sr.fit(TARGET, resume=loaded, steps=32)
     assert sr.fit(TARGET, resume=loaded, loss=loss, steps=32).history[-1].steps == 32
 

@@ -148,7 +148,7 @@ def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) 
     if not all(np.isfinite(array).all() for array in arrays):
         raise ValueError("positions, colours and background of `start` must be finite.")
     if not translucent and colors.shape[-1] == 4 and (colors[..., 3] < 1).any():
-        raise ValueError("triangles of `start` let through: fit with `translucent=True`.")
+        raise ValueError("`start` has translucent triangles: it needs `translucent=True`.")
     opacity = colors[..., 3].mean(1) if colors.shape[-1] == 4 else np.ones(count)
     return LayersStart(corners, _for_shading(colors[..., :3], gouraud), opacity)
 

@@ -123,7 +123,7 @@ def find_edges(triangles: Triangles) -> Edges:
     first = order[first_index]
     second = order[np.minimum(first_index + 1, len(order) - 1)]
     if (uses > 2).any() or (start[first] == start[second])[uses == 2].any():
-        raise ValueError("`triangles` are not a tiling: two pass an edge in the same direction.")
+        raise ValueError("`triangles` are not a tiling: two have an edge in the same direction.")
     has_second = uses == 2
     apexes = [triangles[triangle[half], (corner[half] + 2) % 3] for half in (first, second)]
     return Edges(
