@@ -25,7 +25,7 @@ Output = Annotated[
         "-o",
         metavar="OUT",
         show_default=False,
-        help="Folder for the files of each picture, NAME.svg and NAME.json; it is created. "
+        help="Folder for the files of each picture, NAME.svg and NAME.json; created if needed. "
         "Pictures whose files already exist are skipped.",
     ),
 ]
@@ -52,7 +52,7 @@ Batch = Annotated[
     typer.Option(
         "--batch",
         min=1,
-        help="Pictures that are fitted together.",
+        help="Number of pictures that are fitted together.",
         rich_help_panel=fit_options.SEARCH,
     ),
 ]

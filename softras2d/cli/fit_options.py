@@ -47,7 +47,7 @@ Targets = Annotated[
     typer.Argument(
         metavar="PHOTO",
         show_default=False,
-        help="Image to fit; - is standard input. Several are the frames of a film, for "
+        help="Image to fit; - is standard input. Several images are the frames of a film, with "
         "--animation. Default: a bundled picture.",
     ),
 ]
@@ -134,8 +134,8 @@ Temporal = Annotated[
     float,
     typer.Option(
         min=0.0,
-        help="How strongly changes are avoided where the film stands still, relative to the error. "
-        "Higher values flicker less.",
+        help="Weight of changes between frames where the film stands still, relative to the error. "
+        "Films with a higher value flicker less.",
         rich_help_panel=_FILM,
     ),
 ]
@@ -186,7 +186,8 @@ Colors = Annotated[
     names.ColorMethod,
     typer.Option(
         help="How colours are fitted. together: by the optimizer, with the geometry; solve: by "
-        "linear least squares throughout; polish: by linear least squares at the end.",
+        "linear least squares, before each chunk of steps; polish: by linear least squares, at the "
+        "end.",
         rich_help_panel=SEARCH,
     ),
 ]

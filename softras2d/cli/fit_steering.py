@@ -13,7 +13,8 @@ Palette = Annotated[
     str | None,
     typer.Option(
         metavar="NUMBER|#RRGGBB,...",
-        help="Colours that triangles may have (flat shading only): a list, or how many to find.",
+        help="Colours that triangles may have (flat shading only): a list, or the number of colours "
+        "that the fit is to choose.",
         show_default="any colours",
         rich_help_panel=_STEERING,
     ),
@@ -31,8 +32,8 @@ Freeze = Annotated[
     str | None,
     typer.Option(
         metavar="positions,colors,opacity",
-        help="What the fit does not change: one or more, separated by commas. Triangles are still "
-        "added, but existing ones are not moved to other places.",
+        help="What the fit does not change: one or more of these names, separated by commas. "
+        "Triangles are still added, but none are replaced by new ones.",
         show_default="nothing",
         rich_help_panel=_STEERING,
     ),

@@ -124,7 +124,8 @@ CoverageKind = Annotated[
     names.CoverageKind,
     typer.Option(
         "--coverage",
-        help="Supersampling, soft edges, or the exact area of each triangle in each pixel.",
+        help="How edges are drawn. sampled: by supersampling; soft: with soft edges; area: by the "
+        "exact area of each triangle in each pixel.",
         rich_help_panel=_PICTURE,
     ),
 ]

@@ -122,7 +122,8 @@ def _read_standard_input(read_options: "ReadOptions") -> "Subject":
 def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
     """Open the bundled scene `name` as a subject, which the viewer can show.
 
-    An SVG file is read by `read_options`, but in the dialect in which it is written.
+    A scene with an SVG file is read as `read_options` say, but in the dialect in which it is
+    written.
     """
     from ..viewing.scene_file import SceneFile
     from ..viewing.scene_in_memory import SceneInMemory

@@ -19,11 +19,12 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 """Commands under which Chromium or Chrome is installed, in the order in which they are tried."""
 
 TIME_LIMIT = 120.0
-"""Default number of seconds after which a browser without a picture is ended."""
+"""Default number of seconds after which a browser that has made no picture is killed."""
 
 _TRIES = 2
-"""Number of times that a browser is started if it ends without a picture. The cause may be
-temporary, such as a lack of memory."""
+"""Number of times that a browser is started, if it ends without a picture.
+
+The cause of its failure may be temporary, such as a lack of memory."""
 
 _LONGEST_FOLDER = 58
 """Longest path, in bytes, of a folder in which Chromium can make its socket.
@@ -50,9 +51,9 @@ _PAGE = (
 
 
 def find_browser(name: str = BROWSERS[0]) -> str | None:
-    """Find a browser by its command or path; returns its path, or None if it is not installed.
+    """Find a browser by its command or path; return its path, or None if it is not installed.
 
-    For `chromium` it is the first of `BROWSERS` that is installed.
+    For the name `chromium`, the first of `BROWSERS` that is installed is found.
     """
     names = BROWSERS if name == BROWSERS[0] else (name,)
     return next(filter(None, map(shutil.which, names)), None)
@@ -61,16 +62,17 @@ def find_browser(name: str = BROWSERS[0]) -> str | None:
 def screenshot_file(
     browser: str, svg: Path, *, height: int, width: int, seconds: int | float = TIME_LIMIT
 ) -> bytes:
-    """Take a picture of an SVG file as the browser shows it; returns the bytes of a PNG.
+    """Take a picture of an SVG file as the browser shows it; return the bytes of a PNG file.
 
     The drawing, scaled to `width` x `height` pixels, is in the upper left corner of the picture.
-    The rest, if any, is a white margin.
+    The picture may be larger; the rest is white.
 
-    - `browser`: path of Chromium or of a browser that takes its options.
-    - `seconds`: time limit of the browser.
+    - `browser`: path of Chromium, or of a browser with the same command-line options.
+    - `seconds`: time limit, after which the browser is killed.
 
-    No process of the browser remains, and no file but one: where the path of the folder for
-    temporary files is longer than `_LONGEST_FOLDER`, a browser that is killed leaves its socket.
+    After the call, no process of the browser is left, and no file with one exception: if the path
+    of the folder for temporary files is longer than `_LONGEST_FOLDER`, a browser that is killed
+    leaves its socket.
 
     Raises `OSError`, with a message of one line, for a browser that cannot be started or twice ends
     without a picture, and `TimeoutError` for one that does not end in time.
@@ -87,7 +89,7 @@ def screenshot_file(
 
 @contextmanager
 def _scratch_folder() -> Iterator[Path]:
-    """Yield a temporary folder for files of a browser; it is removed afterwards."""
+    """Yield a temporary folder for a `with` block, and remove it with its files after that."""
     folder = Path(tempfile.mkdtemp(prefix="softras2d-"))
     try:
         yield folder
@@ -103,7 +105,11 @@ def _scratch_folder() -> Iterator[Path]:
 def _run(
     browser: str, svg: Path, folder: Path, height: int, width: int, seconds: int | float
 ) -> str:
-    """Let the browser write `picture.png` into the folder; returns how it ended, on one line."""
+    """Let the browser write `picture.png` into `folder`; return how it ended, as text on one line.
+
+    The arguments, and the error for a browser that does not end in time, are those of
+    `screenshot_file`.
+    """
     shutil.copy(svg, folder / "scene.svg")
     page, log = folder / "page.html", folder / "output.txt"
     page.write_text(_PAGE.format(width=width, height=height))
@@ -132,9 +138,9 @@ def _run(
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    """Environment variables under which a browser writes its files into `folder`.
+    """Environment variables with which a browser writes its files into `folder`.
 
-    Its socket is not there if the path of the folder is too long.
+    The exception is its socket, if the path of the folder is too long for one.
     """
     # Crash reports are written into the user's folder of settings, whatever the profile. A profile
     # below that folder would have its cache in the user's folder of caches.
@@ -147,7 +153,7 @@ def _environment(folder: Path) -> dict[str, str]:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a process and all others of its process group, and wait for it."""
+    """Kill a process and all others of its process group, and wait until it has ended."""
     if sys.platform == "win32":
         process.kill()
     else:

@@ -1,4 +1,4 @@
-"""`compare`: compare an image with an expected image, by every measure at once."""
+"""The function `compare`, which compares an image with an expected image by every measure."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ _WORST = 5
 
 
 class WorstPixel(NamedTuple):
-    """Row and column of a pixel, from 0, and the largest absolute difference of its channels."""
+    """A pixel that differs: its row and column, from 0, and the largest of its differences."""
 
     row: int
     column: int
@@ -68,7 +68,7 @@ class Comparison:
         return self.differing_pixels / self.difference.size
 
     def rows(self) -> list[tuple[str, str]]:
-        """Name of every measure, and its value with its unit as text, for a table."""
+        """Return the name of every measure, and its value as text with its unit, for a table."""
         flip = f"not measured; {INSTALL}" if self.flip is None else f"{self.flip:.4g}"
         worst = [
             f"row {pixel.row}, column {pixel.column}: {pixel.difference:.4g}"
@@ -152,5 +152,5 @@ def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[Wors
 
 
 def _in_levels(difference: float) -> str:
-    """Text of a difference, also in levels of an 8-bit image."""
+    """Text of a difference, both in 0..1 and in levels of an 8-bit image."""
     return f"{difference:.4g} ({255 * difference:.3g} of 255 levels)"

@@ -1,4 +1,4 @@
-"""Flicker of an animation: how much it changes where it should stand still."""
+"""Flicker of a film: how much fitted frames change where the film stands still."""
 
 from collections.abc import Sequence
 
@@ -6,19 +6,20 @@ import numpy as np
 from jaxtyping import Float
 
 _STILL = 1.5 / 255
-"""Largest change of a channel, in 0..1, that counts as standing still: one level of an 8-bit image,
-and a margin for rounding."""
+"""Largest change of a channel between two frames, in 0..1, at which a pixel stands still.
+
+It is one level of an 8-bit image, with a margin for rounding."""
 
 
 def flicker(
     images: Sequence[Float[np.ndarray, "height width channels"]],
     targets: Sequence[Float[np.ndarray, "height width channels"]],
 ) -> float:
-    """Mean absolute change of `images` from frame to frame, where `targets` stand still.
+    """Mean absolute change of `images` from each frame to the next, where `targets` stand still.
 
-    Both are sequences of equally many frames, with values in 0..1. The mean is over all channels of
-    the pixels whose target changes by at most one level of an 8-bit image from one frame to the
-    next. It is NaN if no pixel stands still, and if there are fewer than two frames.
+    `images` are frames that approximate the frames in `targets`, with values in 0..1. The mean is
+    over all channels of the pixels whose target changes by at most one level of an 8-bit image, in
+    every channel. It is NaN if there is no such pixel, or if there are fewer than two frames.
     """
     total, count = 0.0, 0
     for k in range(1, len(images)):

@@ -19,7 +19,7 @@ def mean_flip(
     image: Float[np.ndarray, "height width channels"],
     reference: Float[np.ndarray, "height width channels"],
 ) -> float:
-    """Mean FLIP, in 0..1, of two premultiplied images in sRGB; 0 for equal images.
+    """Compute the mean FLIP, in 0..1, of two premultiplied images in sRGB; 0 for equal images.
 
     The assumed screen is the evaluator's default, with 67 pixels per degree of visual angle. Images
     with alpha are composited over white, and values are clipped to 0..1. Raises `ImportError`, with

@@ -1,4 +1,4 @@
-"""The difference picture: the pixels that differ, in colour, over a dark copy of the image."""
+"""The difference picture: the pixels that differ, in colour, over a dark copy of an image."""
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -6,7 +6,8 @@ from jaxtyping import Float32, Float64
 from .tolerance import exceeds
 
 _GREY_LEVEL = 0.25
-"""Factor for the grey copy of the image, so dark that every colour of a difference is brighter."""
+"""Factor for the grey copy of the image; it is so low that the colour of every difference is
+brighter."""
 
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
 """Weights of red, green and blue by which a colour is converted to grey (Rec. ITU-R BT.709)."""
@@ -14,8 +15,9 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722])
 _RAMP = np.array(
     [[0.75, 0.0, 0.1], [1.0, 0.35, 0.0], [1.0, 0.75, 0.0], [1.0, 0.95, 0.5], [1.0, 1.0, 1.0]]
 )
-"""Colours of differences from 0 to 1: red, orange, yellow, white. Each is lighter than the one
-before it, so that colour-blind readers can tell them apart."""
+"""Colours of differences from 0 to 1: red, orange, yellow, white.
+
+Each is lighter than the one before it, so that colour-blind readers can tell them apart."""
 
 
 def difference_picture(
@@ -23,11 +25,15 @@ def difference_picture(
     expected: Float64[np.ndarray, "height width channels"],
     tolerance: float,
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Draw the pixels that differ by more than the tolerance from red to white, others dark grey.
+    """Draw pixels that differ by more than the tolerance in red to white, others in dark grey.
 
     The colour scale is the same in every picture: red is a difference near 0, and white is a
     difference of 1. It follows the square root of the difference, so that small differences can be
     told apart. The dark grey is a copy of the expected image, for orientation.
+
+    - `difference`: the largest difference among the channels of each pixel.
+    - `expected`: the expected image, with three or four channels.
+    - `tolerance`: largest difference at which pixels count as equal.
     """
     grey = _GREY_LEVEL * np.clip(expected[..., :3] @ _LUMA, 0, 1)
     position = np.sqrt(np.clip(difference, 0, 1))

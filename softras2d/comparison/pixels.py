@@ -1,4 +1,4 @@
-"""Prepares images for comparison: the same channels for both, or an opaque image over white."""
+"""Prepares images for comparison: converts them to equal channels, or composites over white."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def comparable_pixels(
     """Convert two images to the same three or four channels, premultiplied.
 
     - Grey becomes RGB.
-    - If one of the images is transparent somewhere, both get four channels, with alpha 1 where an
+    - If one of the images is transparent somewhere, both get four channels, with alpha 1 if an
       image has no alpha. Otherwise alpha is dropped: a channel that is equal everywhere would only
       lower the mean difference.
     - Colours are premultiplied, because the colour of a transparent pixel is not visible.
@@ -66,11 +66,12 @@ def _rgb_or_rgba(pixels: np.ndarray) -> Float64[np.ndarray, "height width channe
 def _with_alpha(
     pixels: Float64[np.ndarray, "height width channels"],
 ) -> Float64[np.ndarray, "height width 4"]:
-    """Append a channel of alpha 1 to an image, unless it has alpha."""
+    """Append a channel of alpha 1 to an RGB image; an image with alpha is not changed."""
     if pixels.shape[-1] == 4:
         return pixels
     return np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
 
 
 def _size(pixels: np.ndarray) -> str:
+    """Text of the height and width of an image."""
     return f"height {pixels.shape[0]}, width {pixels.shape[1]}"

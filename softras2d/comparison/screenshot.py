@@ -15,7 +15,9 @@ from .similarity import psnr
 from .tolerance import exceeds
 
 FAR = 24
-"""Difference of a channel, in levels of 8 bits, that antialiasing alone exceeds in few pixels."""
+"""Difference of a channel, in levels of an 8-bit image, for `ScreenshotDifference.far_share`.
+
+Antialiasing alone causes larger differences in few pixels only."""
 
 
 class ScreenshotDifference(NamedTuple):
@@ -42,10 +44,11 @@ class ScreenshotDifference(NamedTuple):
 def screenshot(
     browser: str, svg: Path, *, height: int, width: int, seconds: int | float = TIME_LIMIT
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Take a picture of an SVG file as the browser shows it on a white page, in sRGB, 0..1.
+    """Take a picture of an SVG file as a browser shows it on a white page, in sRGB, 0..1.
 
-    The arguments and errors are those of `chromium.screenshot_file`. Also raises `OSError` if the
-    picture is smaller than `width` x `height`, and `ValueError` if it cannot be decoded.
+    The arguments and errors are those of `chromium.screenshot_file`. In addition, `OSError` is
+    raised if the picture is smaller than `width` x `height`, and `ValueError` if it cannot be
+    decoded.
     """
     data = screenshot_file(browser, svg, height=height, width=width, seconds=seconds)
     picture = decode_image(data, f"{browser}: the picture of {svg}")[:height, :width, :3]
@@ -63,7 +66,7 @@ def screenshot_difference(
 ) -> ScreenshotDifference:
     """Measure how much a screenshot differs from the image that it should show.
 
-    - `shown`: the image from `screenshot`.
+    - `shown`: the picture that `screenshot` returned.
     - `expected`: image of the same size, in sRGB, with straight alpha if it has four channels. It
       is composited over white, as on the page, and rounded to 8 bits, so that a browser that draws
       it exactly differs in no pixel.

@@ -1,8 +1,8 @@
-"""PSNR and SSIM of two images, for values in 0..1, in NumPy and in JAX.
+"""PSNR and SSIM of two images, for values in 0..1, of NumPy arrays and of JAX arrays.
 
-The fit differentiates SSIM on the device. A comparison of two images computes the same functions on
-the host in float64, where they compile nothing and the variances of SSIM lose no digits. This
-module therefore does not import JAX.
+A fit differentiates SSIM on the device, in JAX. A comparison of two images calls the same functions
+with NumPy arrays in float64, which needs no compilation, and loses no digits of the variances in
+SSIM. This module therefore does not import JAX.
 
 **Source:** Wang, Bovik, Sheikh and Simoncelli, *Image Quality Assessment: From Error Visibility to
 Structural Similarity* (IEEE TIP 13(4), 2004), section III-B, for SSIM and its constants.
@@ -21,10 +21,10 @@ _SIGMA, _RADIUS = 1.5, 5
 """Standard deviation and radius, in pixels, of the Gaussian window of 11 x 11 pixels."""
 
 WINDOW = 2 * _RADIUS + 1
-"""Pixels along a side of the window of SSIM; fewer in an image with a shorter side."""
+"""Number of pixels along a side of the window of SSIM; fewer if a side of the image is shorter."""
 
 _LUMINANCE, _CONTRAST = 0.01**2, 0.03**2
-"""Constants that keep the quotients finite, for values in 0..1."""
+"""Constants of SSIM that keep its quotients finite, for values in 0..1."""
 
 
 def psnr(
@@ -33,7 +33,7 @@ def psnr(
 ) -> Float[HostOrDeviceArray, ""]:
     """Peak signal-to-noise ratio in dB over all channels, for a peak of 1.
 
-    Infinite for equal images.
+    It is infinite for equal images.
     """
     xp = image.__array_namespace__()
     # NumPy would warn of the logarithm of 0.
@@ -62,7 +62,10 @@ def ssim(
 def _blur(
     x: Float[HostOrDeviceArray, "height width channels"],
 ) -> Float[HostOrDeviceArray, "rows columns channels"]:
-    """Gaussian-weighted mean over each window that lies inside the image."""
+    """Gaussian-weighted mean over each window of SSIM that lies inside the image.
+
+    Both axes become shorter by twice the radius of the window.
+    """
     return _blur_along(_blur_along(x, 0), 1)
 
 

@@ -10,14 +10,16 @@ ONE_LEVEL = 1 / 255
 the other way."""
 
 _ROUNDING = 1e-4
-"""Relative excess over a tolerance that counts as rounding. In float32, adjacent levels of an 8-bit
-image differ from 1/255 by up to 2e-5 of it. A tolerance of 0 stays exact."""
+"""Relative amount by which a difference may exceed a tolerance, because of rounding.
+
+In float32, adjacent levels of an 8-bit image differ from 1/255 by up to 2e-5 of it. A tolerance of
+0 stays exact."""
 
 
 def exceeds(
     difference: Float64[np.ndarray, "height width"], tolerance: float
 ) -> Bool[np.ndarray, "height width"]:
-    """Whether each pixel differs by more than the tolerance, apart from rounding in float32."""
+    """Whether each difference is larger than the tolerance, apart from rounding in float32."""
     return difference > tolerance * (1 + _ROUNDING)
 
 

@@ -13,7 +13,7 @@ from jax.core import Tracer
 
 
 def field_of(value: Any, name: str) -> Any:
-    """The field `name` of an object; None if it has no such field, or if reading it raises."""
+    """The attribute `name` of an object; None if it has none, or if reading it raises."""
     try:
         return getattr(value, name)
     except Exception:
@@ -42,7 +42,7 @@ def dtype_of(leaf: Any) -> str | None:
 
 
 def values_of(leaf: Any) -> np.ndarray | None:
-    """The values of a concrete array, on the host; None for anything else."""
+    """The values of a concrete array, as a NumPy array; None for anything else."""
     if isinstance(leaf, Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
         return None
     try:

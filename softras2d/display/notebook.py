@@ -18,17 +18,18 @@ from ..color import premultiply, unpremultiply
 from .scene_picture import scene_picture
 
 _MAX_SIDE = 640
-"""Longest side of an image, in pixels; larger images are shrunk, because notebooks store all that
-they show."""
+"""Largest number of pixels along a side of an image. Larger images are shrunk, because notebooks
+store all that they show."""
 
 _CHECKERBOARD = "background: repeating-conic-gradient(#fff 0 25%, #e6e6e6 0 50%) 0 0 / 16px 16px"
-"""CSS of a checkerboard behind images with alpha, which shows where they are transparent."""
+"""CSS of a checkerboard, which is shown where an image is transparent."""
 
 
 def scene_html(scene: Any) -> str | None:
-    """HTML of a small picture of a scene above its `repr`.
+    """HTML of a small picture of a scene, above the text of its `repr`.
 
-    None if the scene cannot be drawn, or if drawing it would take long.
+    None if the scene cannot be drawn, or if `scene_picture` refuses to draw it because that would
+    take long.
     """
     return _html(lambda: scene_picture(scene), repr(scene))
 
@@ -36,7 +37,7 @@ def scene_html(scene: Any) -> str | None:
 def image_html(image: Any, text: str) -> str | None:
     """HTML of an image, `[height, width, 1, 3 or 4]` in 0..1, above a text.
 
-    None if it is not a valid image.
+    None if it is not an image.
     """
     return _html(lambda: _shrunk(np.asarray(image, np.float32)), text)
 
@@ -44,8 +45,8 @@ def image_html(image: Any, text: str) -> str | None:
 def buffers_html(visible: Any, text: str) -> str | None:
     """HTML of a picture with one colour for each visible triangle, above a text.
 
-    `visible` is a `Visibility` of one layer; None for several layers, and for anything else that
-    cannot be shown.
+    `visible`: a `Visibility` (see `rendering`) with one layer. The result is None for several
+    layers, and for anything else that cannot be shown.
     """
 
     def draw() -> np.ndarray:
@@ -92,9 +93,9 @@ def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
 
 
 def _shrunk(image: Float[np.ndarray, "height width channels"]) -> Float[np.ndarray, "h w channels"]:
-    """Shrink an image so that no side is longer than `_MAX_SIDE`; smaller images are unchanged.
+    """Shrink an image until no side is longer than `_MAX_SIDE`; smaller images are unchanged.
 
-    Each pixel of the result is the mean over a square block of pixels.
+    Each pixel of the result is the mean over a square block of pixels of the image.
     """
     block = -(-max(image.shape[:2]) // _MAX_SIDE)
     if block <= 1:

@@ -1,4 +1,4 @@
-"""Describes the textures of a mip pyramid in one line."""
+"""Describes the textures of a mip pyramid on one line."""
 
 from typing import Any
 
@@ -10,7 +10,10 @@ from .words import count_text
 
 
 def pyramid_text(textures: Any) -> str:
-    """Describe a `TexturePyramid` in one line; never raises, whatever its leaves are."""
+    """Describe a `TexturePyramid` on one line; never raises, whatever its leaves are.
+
+    The line gives the numbers of textures, levels and channels, the largest size, and the dtype.
+    """
     texels, levels = field_of(textures, "texels"), field_of(textures, "levels")
     counts = [
         (size_of(levels, -3), "texture"),
@@ -24,7 +27,11 @@ def pyramid_text(textures: Any) -> str:
 
 
 def _size_text(levels: np.ndarray | None) -> str:
-    """Text of the width and height of the largest texture; empty if they are not known."""
+    """Text of the width and height of the largest texture; empty if they are not known.
+
+    `levels`: the table of mip levels, `[textures, levels, 3]`, whose rows are offset, height and
+    width.
+    """
     if levels is None or levels.dtype.kind not in "iu" or not levels.size:
         return ""
     if levels.ndim < 3 or levels.shape[-1] != 3:

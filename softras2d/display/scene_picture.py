@@ -1,8 +1,8 @@
-"""Draws a small picture of a scene, scaled so that all of its triangles show.
+"""Draws a small picture of a scene, scaled so that all of its triangles are visible.
 
-A picture needs `plan` and `render`, which are in stages below this folder, and no stage may import
-from one below it. So this file and `notebook.py` use the package as a user's script does: through
-the public names of `softras2d`, which load on first use.
+A picture needs `plan` and `render`, which are in stages that import this folder. So this file and
+`notebook.py` use the package as a user's script does: through the public names of `softras2d`,
+which load on first use.
 """
 
 from typing import Any
@@ -19,27 +19,33 @@ SIDE = 320
 """Longer side of a picture, in pixels."""
 
 _MARGIN = 4
-"""Space around the triangles, in pixels."""
+"""Space around the triangles of a picture, in pixels."""
 
 _STEP = 32
-"""The shorter side is a multiple of this many pixels, so that at most ten heights and widths exist.
-A program is compiled for each, which takes about four seconds."""
+"""The shorter side of a picture is a multiple of this many pixels, so that it has at most ten
+lengths.
+
+A program is compiled for each length, which takes about four seconds."""
 
 _MAX_TRIANGLES = 2**17
-"""Maximum number of triangles of a picture. This many small triangles take five seconds on two
-cores, of which four are compilation; the time grows with their number."""
+"""Largest number of triangles of a scene that is drawn.
+
+This many small triangles take five seconds on two cores, of which four are compilation; the time
+grows with their number."""
 
 _MAX_MEMORY = 2**29
-"""Maximum memory of drawing, in bytes, as the plan estimates it. It bounds the time of overlapping
-translucent triangles: 10,000 triangles of the size of the picture need 320 MiB."""
+"""Largest memory for drawing a picture, in bytes, as the plan estimates it.
+
+It limits the time that overlapping translucent triangles take: 10,000 triangles of the size of the
+picture need 320 MiB."""
 
 
 def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | None:
     """Draw one concrete scene in hard mode, with 16 samples per pixel or, to save memory, 4.
 
-    The longer side of the picture is `SIDE` pixels. Returns None for a scene without triangles, a
-    batch, and a scene that is traced, takes too much memory, or has no extent. Raises `ValueError`
-    for invalid values.
+    The longer side of the picture is `SIDE` pixels. Returns None for a scene that has no triangles
+    or more than `_MAX_TRIANGLES`, is a batch, is traced, would take too much memory, or has no
+    extent. Raises `ValueError` for invalid values.
     """
     import softras2d as sr
 
@@ -64,9 +70,10 @@ def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | No
 def _fit(
     positions: Float[np.ndarray, "vertices 2"], triangles: np.ndarray
 ) -> tuple[Float[np.ndarray, "vertices 2"], int, int] | None:
-    """Scale positions to fill a picture; returns them with the height and width of the picture.
+    """Scale and move positions so that the triangles fill a picture.
 
-    Returns None if the triangles have no finite extent, or none above zero.
+    Returns the new positions in pixels, and the height and width of the picture. Returns None if
+    the extent of the triangles is not finite, or zero.
     """
     points = used_points(positions, triangles)
     if points is None or not len(points) or not np.isfinite(points).all():

@@ -1,4 +1,4 @@
-"""Describes a scene in two lines: counts, dtype and extent; then the effects that it needs."""
+"""Describes a scene on two lines: counts, dtype and extent; then the effects that it needs."""
 
 import math
 from typing import Any
@@ -17,10 +17,11 @@ _TEXTURE_ARRAYS = ("texels", "levels")
 
 
 def scene_text(scene: Any) -> str:
-    """Describe a scene in two lines; never raises, whatever its leaves are.
+    """Describe a scene on two lines; never raises, whatever its leaves are.
 
-    The second line uses the names of `planning.effects`. The extent is the range of the vertices
-    that triangles use. Under a trace, no value is looked at.
+    The first line gives the numbers of triangles, vertices and textures, the dtype, and the extent,
+    which is the range of the vertices that triangles use. The second line gives the effects that
+    the scene needs, by the names of `planning.effects`. Under a trace, no value is looked at.
     """
     # A scene whose constructor failed has some fields only.
     arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
@@ -38,12 +39,15 @@ def scene_text(scene: Any) -> str:
 
 
 def _joined(phrases: list[str | None]) -> str:
-    """Join the phrases that are not empty with commas; "no arrays" if all are empty."""
+    """Join the phrases that are not empty with commas; `no arrays` if all are empty."""
     return ", ".join(phrase for phrase in phrases if phrase) or "no arrays"
 
 
 def _heading(arrays: dict[str, Any]) -> str:
-    """First words of the description: "Scene", or the size of a batch of scenes."""
+    """First words of the description: `Scene`, or the number of scenes in a batch.
+
+    `arrays`: the leaves of the scene, by the names of their fields.
+    """
     for name in ("triangles", "positions"):
         shape = shape_of(arrays[name])
         if shape is not None and len(shape) > 2:
@@ -52,7 +56,10 @@ def _heading(arrays: dict[str, Any]) -> str:
 
 
 def _counts(arrays: dict[str, Any]) -> list[str]:
-    """Texts of the numbers of triangles, vertices and textures, as far as they are known."""
+    """Texts of the numbers of triangles, vertices and textures, as far as they are known.
+
+    `arrays`: the leaves of the scene, by the names of their fields.
+    """
     triangles = size_of(arrays["triangles"], -2)
     if triangles is None:
         # A gradient has colours but no indices.
@@ -66,7 +73,11 @@ def _counts(arrays: dict[str, Any]) -> list[str]:
 
 
 def _effects(arrays: dict[str, Any]) -> list[str | None]:
-    """Names of the effects that the structure of a scene needs, in the order of `EFFECTS`."""
+    """Names of the effects that a scene needs, in the order of `planning.effects.EFFECTS`.
+
+    `arrays`: the leaves of the scene, by the names of their fields. An effect that the scene does
+    not need is None.
+    """
     corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
     is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
     opacity = "translucency" if is_translucent else "opaque"
@@ -81,9 +92,10 @@ def _effects(arrays: dict[str, Any]) -> list[str | None]:
 
 
 def _values_text(arrays: dict[str, Any]) -> str:
-    """Text of the extent of the triangles in pixels, or of the reason why there are no values.
+    """Text of the extent of the triangles, in pixels, or of the reason why there are no values.
 
-    Also tells how many vertices are not finite.
+    It also says how many vertices are not finite. `arrays`: the leaves of the scene, by the names
+    of their fields.
     """
     if is_traced(arrays):
         return "traced"
@@ -110,10 +122,10 @@ def _values_text(arrays: dict[str, Any]) -> str:
 def used_points(
     positions: np.ndarray, triangles: np.ndarray
 ) -> Float[np.ndarray, "points 2"] | None:
-    """The positions that triangles use, in a scene or a batch; None if the arrays do not match.
+    """The positions of all vertices that triangles use, in a scene or in a batch of scenes.
 
-    Other vertices are left out because they would enlarge the extent: padding appends vertices at
-    (0, 0).
+    None if the arrays are not those of a scene. Other vertices are left out because they would
+    enlarge the extent: padding appends vertices at (0, 0).
     """
     has_types = triangles.dtype.kind in "iu" and jnp.issubdtype(positions.dtype, jnp.floating)
     has_axes = min(triangles.ndim, positions.ndim) >= 2 and positions.shape[-1] == 2
@@ -133,6 +145,6 @@ def used_points(
 def extent(
     points: Float[np.ndarray, "points 2"],
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """The least (x, y) and the greatest (x, y) of points."""
+    """The least (x, y) and the greatest (x, y) of points, each coordinate by itself."""
     # Adding zero turns -0 into 0.
     return points.min(axis=0) + 0.0, points.max(axis=0) + 0.0

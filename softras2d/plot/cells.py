@@ -1,7 +1,7 @@
-"""Makes figures in which each pixel of an image is a whole number of dots on the screen.
+"""Makes figures in which each pixel of an image is an integer number of screen dots wide and high.
 
 Otherwise some rows of pixels would be thicker than others, and the figure would show aliasing that
-the image does not have. All sizes are in dots of the screen.
+the image does not have. All sizes are in dots of the screen, unless they are in pixels of an image.
 """
 
 from collections.abc import Sequence
@@ -9,21 +9,22 @@ from collections.abc import Sequence
 from .library import Axes, Figure, import_pyplot
 
 _MAX_ROW_WIDTH, _MAX_HEIGHT = 960, 480
-"""Limits up to which images are enlarged: width of a row of images, and height of one image."""
+"""Limits up to which images are enlarged, in dots: width of a row of images, and height of one
+image."""
 
 _GAP, _LINE_HEIGHT = 12, 22
-"""Space between images, and height of one line of a title."""
+"""Space between images, and height of one line of a title, in dots."""
 
 _TICKS = 56
-"""Space for the numbers and the label of an axis."""
+"""Space for the numbers and the label of an axis, in dots."""
 
 
 def columns_for(count: int, width: int) -> int:
-    """Number of columns in which to show `count` images, of which the widest has `width` pixels.
+    """Choose the number of columns in which to show `count` images, the widest of `width` pixels.
 
-    At most six columns, and no more than fit into `_MAX_ROW_WIDTH` at one dot per pixel, though
-    never fewer than two unless there is a single image. Of the numbers that need equally many rows,
-    the least is returned, so that rows are filled evenly.
+    There are at most six columns, and no more than fit into `_MAX_ROW_WIDTH` at one dot per pixel,
+    though never fewer than two unless there is a single image. Of the numbers of columns that need
+    equally many rows, the least is returned, so that rows are filled evenly.
     """
     max_columns = min(count, 6, max(2, _MAX_ROW_WIDTH // (width + _GAP)))
     rows = -(-count // max_columns)
@@ -35,8 +36,13 @@ def new_cells(
 ) -> tuple[Figure, Sequence[Axes]]:
     """Make a figure with `count` axes, row by row, each for an image of `height` x `width` pixels.
 
-    `lines` is the number of lines of the title above each image; `ticks` reserves space for
-    numbered axes. Returns the figure and its axes.
+    - `columns`: number of axes in a row.
+    - `lines`: number of lines of the title above each image.
+    - `ticks`: whether to reserve space for numbered axes.
+
+    Returns the figure and its axes. Small images are enlarged by an integer factor, up to the
+    limits of this file. Larger images are shrunk to the limits, except for a single image that
+    exceeds only the limit of height.
     """
     pyplot = import_pyplot()
     rows = -(-count // columns)

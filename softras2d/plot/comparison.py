@@ -66,7 +66,11 @@ def error(
 
 
 def _difference(image: Any, reference: Any) -> Float64[np.ndarray, "height width channels"]:
-    """Check both images; returns the difference of their premultiplied colours."""
+    """Check two images; return the difference of their premultiplied colours.
+
+    The difference is `image` minus `reference`. Raises `ValueError` for an array that is not an
+    image, and for images of unequal shapes.
+    """
     first, second = checked_image("`image`", image), checked_image("`reference`", reference)
     if first.shape != second.shape:
         raise ValueError(
@@ -77,7 +81,11 @@ def _difference(image: Any, reference: Any) -> Float64[np.ndarray, "height width
 
 
 def _limit(limit: int | float | None, values: np.ndarray) -> float:
-    """Return the checked `limit`; by default the largest absolute value, or 1/255 if it is 0."""
+    """Return the limit of a colour scale, which is `limit` unless it is None.
+
+    For None, it is the largest absolute value in `values`, or 1/255 if that is 0. Raises
+    `ValueError` unless `limit` is positive and finite.
+    """
     if limit is None:
         return float(np.abs(values).max()) or _EQUAL_LIMIT
     if not 0 < limit < np.inf:
@@ -96,9 +104,10 @@ def _draw_map(
     """Draw `values` `[height, width]` in a colour map, with a colour bar beside the plot.
 
     - `color_map`: matplotlib's name of the colour map.
-    - `limits`: values of its first and of its last colour.
+    - `limits`: the values that get the first and the last colour of the colour map.
     - `label`: text beside the colour bar.
     - `axes`: axes to draw into; None for a new figure.
+    - `title`: text above the plot.
 
     Returns the axes.
     """

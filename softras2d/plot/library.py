@@ -12,10 +12,9 @@ else:
     Axes = Figure = AnyFigure = Any
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Colours of lines, which colour-blind readers can tell apart.
+"""Colours for lines, which colour-blind readers can tell apart.
 
-**Source:** Okabe and Ito, *Color Universal Design* (2008), without its yellow.
-"""
+**Source:** Okabe and Ito, *Color Universal Design* (2008), without its yellow."""
 
 
 def import_pyplot() -> Any:

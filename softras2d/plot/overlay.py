@@ -114,7 +114,10 @@ def arrows(
 
 
 def _points(name: str, points: Any) -> np.ndarray:
-    """Return points as float64. Raises `ValueError` unless they are `[n, 2]` and finite."""
+    """Return points as float64. Raises `ValueError` unless they are `[n, 2]` and finite.
+
+    `name`: what the points are, for the message.
+    """
     points = np.asarray(points)
     if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers [n, 2]; got {points.shape} {points.dtype}.")
@@ -126,9 +129,9 @@ def _points(name: str, points: Any) -> np.ndarray:
 
 
 def _with_insets(axes: Axes, points: np.ndarray) -> list[Axes]:
-    """Return the axes and the insets that `show` made in them.
+    """Return the axes, followed by the insets that `show` made in them.
 
-    The limits of empty axes are first set to the range of `points` `[n, 2]`, with y down.
+    The limits of axes without data are first set to the range of `points` `[n, 2]`, with y down.
     """
     if not axes.has_data() and len(points):
         low, high = points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""Colours of triangles by their index, such that neighbouring indices have different colours."""
+"""Colours of triangles by their index, so that neighbouring indices have different colours."""
 
 from typing import Any
 
@@ -11,17 +11,21 @@ BACKGROUND = 0.92
 """Grey level, 0..1 in sRGB, of samples that no triangle covers."""
 
 _HUE_STEP = (5**0.5 - 1) / 2
-"""Change of hue, in turns, from one index to the next: the golden ratio's fractional part. Its
-multiples never repeat, and any run of them is spread evenly over the circle; the hues of neighbours
-are 0.38 turns apart."""
+"""Change of hue, in turns, from one triangle index to the next: the golden ratio's fractional part.
+
+Its multiples never repeat, and any sequence of consecutive ones is spread evenly over the circle.
+The hues of neighbouring indices are 0.38 turns apart."""
 
 _LIGHTNESS_STEP = 2**0.5 - 1
-"""Change of lightness from one index to the next, as a fraction of its range. At the end of the
-range it starts again. Indices that differ by 8, 13 or 21 have almost the same hue, but differ in
-lightness."""
+"""Change of lightness from one triangle index to the next, as a fraction of `_LIGHTNESS_RANGE`.
+
+At the end of the range the lightness continues from its beginning. Indices that differ by 8, 13 or
+21 have almost the same hue, but differ in lightness."""
 
 _LIGHTNESS_RANGE = (0.52, 0.84)
-"""Least and greatest Oklab lightness. At both, most hues of chroma `_CHROMA` lie within sRGB."""
+"""Least and greatest Oklab lightness of a triangle's colour.
+
+At both, most hues of chroma `_CHROMA` lie within sRGB."""
 
 _CHROMA = 0.13
 
@@ -52,7 +56,7 @@ def id_colors(triangle: Any) -> Float32[np.ndarray, "height width 3"]:
 
 
 def _palette(ids: Int[np.ndarray, " ids"]) -> Float32[np.ndarray, "ids 3"]:
-    """The sRGB colour, in 0..1, of each triangle index; negative ones are the background."""
+    """The sRGB colour, in 0..1, of each triangle index; negative indices are the background."""
     number = ids.astype(np.float64)
     angle = 2 * np.pi * (number * _HUE_STEP % 1)
     darkest, lightest = _LIGHTNESS_RANGE
@@ -63,10 +67,10 @@ def _palette(ids: Int[np.ndarray, " ids"]) -> Float32[np.ndarray, "ids 3"]:
 
 
 def _oklab_to_linear(lab: Float[np.ndarray, "*colors 3"]) -> Float[np.ndarray, "*colors 3"]:
-    """Convert Oklab to linear sRGB, which may lie outside 0..1.
+    """Convert colours from Oklab to linear sRGB, which may lie outside 0..1.
 
-    Oklab is used because equal angles of hue look about equally different in it. In HSV, a third of
-    the circle is green.
+    Oklab is used because colours whose hues differ by equal angles look about equally different. In
+    HSV, a third of the circle is green.
 
     **Source:** Ottosson, *A perceptual color space for image processing* (2020).
     """

@@ -8,16 +8,16 @@ from .cells import new_cells
 from .library import COLORS, Axes, import_pyplot
 
 INSET = "inset of softras2d.plot.show"
-"""Label of the axes that `show` makes for an inset, by which overlays find them."""
+"""Label of the axes that `show` makes for an inset, by which `triangles` and `arrows` find them."""
 
 _CHECKERBOARD_GREYS = (1.0, 0.9)
 """Greys, in 0..1, of the checkerboard behind images with alpha."""
 
 _MAX_GRID_LINES = 64
-"""Maximum number of cells of the pixel grid along a side."""
+"""Largest number of cells of the pixel grid along a side of an image; more pixels share cells."""
 
 _MAX_INSET = 0.6
-"""Maximum size of an inset, as a fraction of a side of the image."""
+"""Largest height and width of an inset, as a fraction of those of the image."""
 
 
 def show(
@@ -69,9 +69,9 @@ def show(
 
 
 def checked_image(name: str, image: Any) -> np.ndarray:
-    """Return `image` as float32 `[height, width, channels]`.
+    """Return `image` as float32 `[height, width, channels]`, with 1, 3 or 4 channels.
 
-    Raises `ValueError`, which begins with `name`, if it is not an image.
+    Raises `ValueError`, whose message begins with `name`, if it is not an image.
     """
     # Imported here, since it loads OpenImageIO, which `import softras2d.plot` does not need.
     from ..io.pixel_values import as_pixels
@@ -80,9 +80,10 @@ def checked_image(name: str, image: Any) -> np.ndarray:
 
 
 def fit_pixels(axes: Axes, height: int, width: int) -> str:
-    """Choose matplotlib's interpolation for an image of this size, in pixels, in `axes`.
+    """Choose the interpolation with which matplotlib draws an image of `height` x `width` pixels.
 
-    Returns `"nearest"` if a pixel has one dot of the screen, or 1.5 or more; else `"auto"`.
+    Returns `"nearest"` if each pixel is one dot of the screen wide, or at least 1.5 dots; else
+    `"auto"`. `axes`: the axes to draw into, which decide the size of a pixel.
     """
     box = axes.get_window_extent()
     dots = min(box.width / width, box.height / height)
@@ -91,7 +92,11 @@ def fit_pixels(axes: Axes, height: int, width: int) -> str:
 
 
 def _draw(axes: Axes, pixels: np.ndarray, extent: tuple[int, int, int, int]) -> None:
-    """Draw pixels `[height, width, channels]` in the rectangle (left, right, bottom, top)."""
+    """Draw an image `[height, width, channels]`, so that it fills a rectangle of the axes.
+
+    `extent`: the rectangle (left, right, bottom, top), in coordinates of the axes, which also
+    become the limits of the axes.
+    """
     height, width, channels = pixels.shape
     pixels = np.clip(pixels, 0, 1)
     left, right, bottom, top = extent
@@ -115,9 +120,9 @@ def _draw(axes: Axes, pixels: np.ndarray, extent: tuple[int, int, int, int]) -> 
 
 
 def _checkerboard(height: int, width: int) -> np.ndarray:
-    """Make a checkerboard `[rows, columns]` of two greys, with about 24 fields on the longer side.
+    """Make a checkerboard `[rows, columns]` of two greys, with about 24 squares on the longer side.
 
-    `height` and `width` are the size of the image behind which it is shown.
+    `height` and `width` are the size, in pixels, of the image behind which it is shown.
     """
     field = max(height, width) / 24
     rows, columns = (max(1, round(side / field)) for side in (height, width))
@@ -125,7 +130,11 @@ def _checkerboard(height: int, width: int) -> np.ndarray:
 
 
 def _draw_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None:
-    """Draw lines between the pixels of a rectangle, given in pixels of the image."""
+    """Draw lines between the pixels of a rectangle, which is given in pixels of the image.
+
+    If a side has more than `_MAX_GRID_LINES` pixels, there is one line for every 2, 4, 8, ...
+    pixels.
+    """
     import_pyplot()
     from matplotlib.collections import LineCollection
 
@@ -142,7 +151,11 @@ def _draw_grid(axes: Axes, top: int, left: int, height: int, width: int) -> None
 def _checked_inset(
     inset: tuple[int, int, int, int], height: int, width: int
 ) -> tuple[int, int, int, int]:
-    """Check that an inset lies inside the image and is small enough; returns it as integers."""
+    """Return an inset, (top, left, height, width), as integers, after a check.
+
+    Raises `ValueError` unless it lies inside the image of `height` x `width` pixels, and is smaller
+    than `_MAX_INSET` of the image.
+    """
     region = np.asarray(inset)
     if region.shape != (4,) or region.dtype.kind not in "iu":
         raise ValueError(f"`inset` must be (top, left, height, width) in pixels; got {inset}.")
@@ -162,9 +175,12 @@ def _checked_inset(
 def _draw_inset(
     axes: Axes, pixels: np.ndarray, region: tuple[int, int, int, int], zoom: int | float, grid: bool
 ) -> None:
-    """Draw a region of the image, enlarged, in the corner of the axes that is farthest from it.
+    """Draw a region of an image, enlarged, in the corner of the axes farthest from the region.
 
-    `region` is (top, left, height, width) in pixels; `grid` as in `show`.
+    - `pixels`: the image, `[height, width, channels]`.
+    - `region`: (top, left, height, width) in pixels.
+    - `zoom`: the magnification, which is reduced if the inset would be larger than `_MAX_INSET`.
+    - `grid`: whether to draw lines between pixels.
     """
     height, width = pixels.shape[:2]
     top, left, tall, wide = region

@@ -1,4 +1,4 @@
-"""`explore`: show how an image depends on a value, in a figure and with a slider in notebooks."""
+"""The function `explore`, which shows how an image depends on a value, if need be with a slider."""
 
 # pyright: reportMissingImports=false
 
@@ -39,11 +39,12 @@ def explore(
 
 
 def _value_text(value: Any) -> str:
+    """Text of a value for titles: a float with at most six digits, else `str(value)`."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _has_front_end() -> bool:
-    """Whether this code runs in a notebook that a front end shows, and not under nbconvert."""
+    """Whether this code runs in a notebook that a front end shows, rather than under nbconvert."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     if shell is None or not hasattr(shell, "kernel"):
@@ -58,6 +59,7 @@ def _has_front_end() -> bool:
 
 
 def _display_slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> None:
+    """Display the widget of `slider`, unless ipywidgets or IPython is missing."""
     try:
         import ipywidgets  # noqa: F401
         from IPython.display import display
@@ -67,7 +69,10 @@ def _display_slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str
 
 
 def slider(draw: Callable[[Any], Any], values: Sequence[Any], name: str) -> Any:
-    """Make a widget of a slider over `values`, and the image of the chosen value below it."""
+    """Make a widget: a slider over `values`, and below it the image `draw(value)` of its value.
+
+    `name`: label of the slider.
+    """
     import ipywidgets
 
     options = [(_value_text(value), value) for value in values]

@@ -113,7 +113,10 @@ def animate(
 
 
 def _opaque(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
-    """Convert frames to RGB: grey is repeated, and alpha is composited over white."""
+    """Convert frames to RGB: grey is repeated, and alpha is composited over white.
+
+    `path`: file that is named in the message if a frame is not an image.
+    """
     for number, frame in enumerate(frames):
         pixels = checked_image(f"{path}: frame {number}", frame)
         if pixels.shape[-1] == 4:

@@ -1,4 +1,4 @@
-"""`buffers`: show visibility buffers, such as triangle indices, weights and depth, as images."""
+"""The function `buffers`, which shows visibility buffers: triangle indices, weights, depth etc."""
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -10,7 +10,7 @@ from .palette import BACKGROUND, id_colors
 from .strip import film_strip
 
 _GREYS = (0.1, 1.0)
-"""Grey levels, 0..1, of the farthest and of the nearest depth."""
+"""Grey levels, 0..1 in sRGB, of the farthest and of the nearest depth."""
 
 
 @runtime_checkable
@@ -41,7 +41,7 @@ class Buffers(Protocol):
 
 
 class _Panel(NamedTuple):
-    """One image of the figure, `[height, width, channels]`, and its title."""
+    """One image of the figure that `buffers` draws, `[height, width, channels]`, and its title."""
 
     title: str
     image: Float[np.ndarray, "height width channels"]
@@ -85,7 +85,10 @@ def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-    """Return `value` as float32. Raises `ValueError`, which names it, if it has another shape."""
+    """Return `value` as float32. Raises `ValueError` if it does not have the given shape.
+
+    `name`: name of the buffer, for the message.
+    """
     array = np.asarray(value)
     if array.shape != shape:
         raise ValueError(f"`{name}` must be {list(shape)}, as `triangle`; got {list(array.shape)}.")
@@ -96,7 +99,10 @@ def _weight_colors(
     weights: Float[np.ndarray, "height width samples 3"],
     is_covered: Bool[np.ndarray, "height width samples"],
 ) -> Float[np.ndarray, "height width 3"]:
-    """Convert barycentric weights to RGB, averaged over samples; the background is light grey."""
+    """Convert barycentric weights to RGB, averaged over the samples of a pixel.
+
+    Samples that no triangle covers are light grey.
+    """
     # Samples of the background may have any value, even NaN.
     colors = np.where(is_covered[..., None], np.nan_to_num(weights), np.float32(BACKGROUND))
     return np.clip(colors, 0, 1).mean(axis=2)
@@ -106,7 +112,10 @@ def _depth_panel(
     depth: Float[np.ndarray, "height width samples"],
     is_covered: Bool[np.ndarray, "height width samples"],
 ) -> _Panel:
-    """Make the panel of depth: mean depth as grey, and the covered fraction of a pixel as alpha."""
+    """Make the panel of depth: the mean depth of a pixel as grey, its covered fraction as alpha.
+
+    `is_covered`: whether a triangle covers each sample. The nearest pixels are the lightest.
+    """
     is_known = is_covered & np.isfinite(depth)
     count = is_known.sum(axis=2)
     alpha = count / is_known.shape[2]
@@ -124,7 +133,10 @@ def _depth_panel(
 
 
 def _overdraw_panel(overdraw: Float[np.ndarray, "height width samples"]) -> _Panel:
-    """Make the panel of the mean overdraw of each pixel, in a colour map that begins with black."""
+    """Make the panel of overdraw: the mean number of triangles that cover a sample of each pixel.
+
+    The colour map begins with black, for 0.
+    """
     # Overdraw of -1 is not known, as the scene outgrew its plan.
     mean = np.maximum(overdraw, 0).mean(axis=2)
     largest = float(mean.max())

@@ -1,7 +1,8 @@
 """Bundled scenes of 300 x 300 pixels, each of which shows one property of rasterization.
 
 Most are SVG files, whose first comment states their purpose; `experiments/bundled_scenes` writes
-some of these files. The scenes in three dimensions have no file: `scripted.py` makes them.
+some of these files. The scenes in three dimensions have no file: Python functions in `scripted.py`
+make them, so they are called scripted.
 """
 
 import re
@@ -56,15 +57,15 @@ def is_scripted(name: str) -> bool:
 
 
 def is_bundled(path: Path) -> bool:
-    """Whether a path is the name of a bundled scene. A file of that name takes precedence."""
+    """Whether a path is the name of a bundled scene, and no file of that name exists."""
     return str(path) in names() and not path.exists()
 
 
 def path(name: str) -> Path:
-    """The SVG file of a bundled scene.
+    """The SVG file of the bundled scene `name`.
 
     Raises `ValueError` for a name that is not in `names()`, and for a scripted scene, which has no
-    file; `read` makes it.
+    file.
     """
     if is_scripted(name):
         raise ValueError(f"the bundled scene {name!r} has no file; scenes.read({name!r}) makes it.")
@@ -72,12 +73,15 @@ def path(name: str) -> Path:
 
 
 def dialect(name: str) -> SvgDialect:
-    """The dialect of SVG in which the file of a bundled scene is written."""
+    """The dialect of SVG, `"svg"` or `"course"`, in which the file of a bundled scene is written.
+
+    It is `"svg"` for a scene without a file.
+    """
     return _READ_OPTIONS.get(name, {}).get("dialect", "svg")
 
 
 def purpose(name: str) -> str:
-    """What a bundled scene shows: one sentence, on one line.
+    """What the bundled scene `name` shows: one sentence, on one line.
 
     Raises `ValueError` for a name that is not in `names()`.
     """
@@ -91,10 +95,10 @@ def purpose(name: str) -> str:
 
 
 def read(name: str, **keywords: Any) -> "Scene":
-    """Read or make a bundled scene.
+    """Read the file of the bundled scene `name`, or make the scene if it is scripted.
 
-    `keywords` are arguments of `read_svg`, such as `height` and `width` of the canvas in pixels,
-    300 by default. By default `dialect` is the dialect in which the file is written. A scripted
+    `keywords`: arguments of `read_svg`, such as `height` and `width` of the canvas in pixels, 300
+    by default. The default of `dialect` is the dialect in which the file is written. A scripted
     scene accepts only `height` and `width`. Raises `ValueError` for a name that is not in
     `names()`.
     """

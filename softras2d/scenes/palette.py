@@ -10,9 +10,10 @@ ORANGE, SKY, BLUE, VERMILION = "#e69f00", "#56b4e9", "#0072b2", "#d55e00"
 
 
 def mix(stops: list[str], t: float) -> Float[np.ndarray, "3"]:
-    """Interpolate linearly between evenly spaced colours; returns RGB in 0..255.
+    """Interpolate linearly between evenly spaced colours; return RGB in 0..255.
 
-    `stops` are colours `#rrggbb`; `t` is 0 at the first and 1 at the last.
+    - `stops`: the colours, `#rrggbb`.
+    - `t`: where to interpolate, from 0 at the first colour to 1 at the last.
     """
     colors = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in stops])
     positions = np.linspace(0.0, 1.0, len(stops))

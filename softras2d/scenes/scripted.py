@@ -29,7 +29,10 @@ def _rgb(*codes: str) -> Float[np.ndarray, "colors 3"]:
 
 
 def ground(*, height: int, width: int) -> Scene:
-    """Make a textured ground plane that begins behind the viewer and reaches 4,096 units ahead."""
+    """Make a textured ground plane that begins behind the viewer and extends 4,096 units ahead.
+
+    `height` and `width` are the size of the canvas in pixels.
+    """
     # Strips widen with the distance, enough for a canvas twice as wide as high. With equal widths,
     # vertices near the viewer would lie millions of pixels away, where float32 has no fractions.
     z = np.array([2.0, -1.0, -4.0, -16.0, -64.0, -256.0, -1024.0, -4096.0])
@@ -58,9 +61,10 @@ def ground(*, height: int, width: int) -> Scene:
 
 
 def overlap(*, height: int, width: int) -> Scene:
-    """Make two overlapping triangles, of which the one that is drawn first is nearer.
+    """Make two overlapping triangles, of which the one that is drawn first is nearer to the viewer.
 
-    Geometry and camera are from a course's assignment about z-buffers.
+    Geometry and camera are from a course's assignment about z-buffers. `height` and `width` are the
+    size of the canvas in pixels.
 
     **Source:** Yan, *GAMES101: introduction to modern computer graphics* (2020), assignment 2.
     """
@@ -81,7 +85,10 @@ def overlap(*, height: int, width: int) -> Scene:
 
 
 def crossing(*, height: int, width: int) -> Scene:
-    """Make three squares that intersect at right angles, each a checkerboard of two colours."""
+    """Make three squares that intersect at right angles, each a checkerboard of two colours.
+
+    `height` and `width` are the size of the canvas in pixels.
+    """
     # Number of cells along a side. It is odd, so that squares intersect in the middle of cells.
     cells = 5
     grid = np.linspace(-1.0, 1.0, cells + 1)

@@ -1,4 +1,4 @@
-"""For tests of renderers: an assertion that compares an image with a reference image on disk.
+"""Helps to test renderers: an assertion that compares an image with a reference image on disk.
 
     from softras2d.testing import assert_image_matches
 

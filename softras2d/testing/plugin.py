@@ -13,7 +13,7 @@ import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option `--update-references`."""
+    """Add the option `--update-references` to pytest, which calls this function."""
     parser.getgroup("softras2d").addoption(
         "--update-references",
         action="store_true",
@@ -24,10 +24,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture
 def assert_image_matches(request: pytest.FixtureRequest) -> Callable[..., None]:
-    """Provide `softras2d.testing.assert_image_matches` without its argument `update`.
+    """Provide `softras2d.testing.assert_image_matches` as a fixture, without its argument `update`.
 
-    It updates the reference if the option `--update-references` is given. Relative paths start at
-    the folder of the test file.
+    The fixture updates the reference if the option `--update-references` is given. A relative path
+    starts at the folder of the test file.
     """
     # Imported here, so that a run of other tests does not wait for NumPy and OpenImageIO to load.
     from . import references

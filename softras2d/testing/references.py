@@ -1,4 +1,4 @@
-"""`assert_image_matches`: compare an image with a reference PNG, or write the reference."""
+"""The function `assert_image_matches`, which compares an image with a reference PNG."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ from ..io.images import read_image, write_image
 from ..io.pixel_values import as_pixels, round_to_levels
 
 FAILURES = "failures"
-"""Name of the folder beside a reference into which the images of a failure are saved."""
+"""Name of the folder, beside a reference, into which the images of a failed assertion are saved."""
 
 
 def assert_image_matches(
@@ -79,9 +79,10 @@ def assert_image_matches(
 def _save(
     reference: Path, ending: str, pixels: Float32[np.ndarray, "height width channels"]
 ) -> Path:
-    """Save an image of a failure in the folder of failures beside its reference.
+    """Save an image of a failed assertion in the folder `FAILURES` beside its reference.
 
-    Its name is the name of the reference with `ending` before the suffix. Returns its path.
+    The name of the file is that of the reference, with `ending` before the suffix. Returns its
+    path.
     """
     path = reference.parent / FAILURES / f"{reference.stem}{ending}.png"
     path.parent.mkdir(exist_ok=True)
