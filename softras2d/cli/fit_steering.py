@@ -13,8 +13,8 @@ Palette = Annotated[
     str | None,
     typer.Option(
         metavar="NUMBER|#RRGGBB,...",
-        help="Colours that triangles may have (flat shading only): a list, or the number of colours "
-        "that the fit is to choose.",
+        help="Colours that triangles may have (flat shading only): a list, or the number of "
+        "colours that the fit is to choose.",
         show_default="any colours",
         rich_help_panel=_STEERING,
     ),

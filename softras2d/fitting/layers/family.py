@@ -44,10 +44,6 @@ from .start import background_of, start_of
 from .steering import frozen_fields, has_palette_background
 from .unknowns import LayersData, LayersResidual, LayersUnknowns, layers_scene
 
-_NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
-"""Typical circumradius of a new triangle, as a multiple of `FitSizes.spacing`; and a further factor
-for the new triangles of an exchange."""
-
 
 class _EarlierBest(NamedTuple):
     """The best unknowns before triangles were last added or replaced, and their loss."""
@@ -116,7 +112,7 @@ class LayersFit(AbstractFit):
         triangles = start_of(
             start, self.request.target, self._rng, triangles=count,
             gouraud=self._sizes.gouraud, translucent=self._sizes.translucent,
-            circumradius=_NEW_SIZE * self._sizes.spacing(count),
+            circumradius=self._sizes.circumradius(count),
         )  # fmt: skip
         return self._sizes.unknowns(triangles), len(triangles.corners)
 
@@ -247,10 +243,7 @@ class LayersFit(AbstractFit):
             self._quantize(self._palette)
 
     def _add_or_exchange(self, share: float) -> None:
-        """Add triangles until `max_triangles` are in use; after that, exchange some when it is due.
-
-        `share`: share of the fit that is done, 0..1.
-        """
+        """Add triangles or, once all are in use, exchange some, as is due at the share `share`."""
         max_triangles = self.max_triangles
         count = schedule.triangles_to_add(share, self.active, max_triangles)
         if count:
@@ -279,8 +272,7 @@ class LayersFit(AbstractFit):
     def _sharpen(self, share: float) -> None:
         """Set the width of soft edges that the schedule gives for the share `share` of the fit.
 
-        Losses at different widths are not comparable. Therefore the best unknowns so far are
-        forgotten when the width changes.
+        A new width makes losses incomparable, so it forgets the best unknowns so far.
         """
         width = schedule.edge_width(share, self._sizes.softness)
         if width != np.float32(self.data.width):
@@ -293,7 +285,7 @@ class LayersFit(AbstractFit):
 
     def _add(self, count: int) -> None:
         """Add up to `count` triangles in front, where they lower the squared error most."""
-        circumradius = _NEW_SIZE * self._sizes.spacing(self.active + count)
+        circumradius = self._sizes.circumradius(self.active + count)
         target = self.request.target.premultiplied()
         image, palette = premultiply(self.image), self._placing_palette
         new_triangles = find_new_triangles(
@@ -319,7 +311,7 @@ class LayersFit(AbstractFit):
         replacement = find_exchange(
             self._rng, self._with_frozen_values(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
-            circumradius=_NEW_SIZE * _EXCHANGED_SIZE * self._sizes.spacing(self.active),
+            circumradius=self._sizes.exchanged_circumradius(self.active),
             palette=self._placing_palette,
         )  # fmt: skip
         if replacement is not None:
@@ -328,7 +320,7 @@ class LayersFit(AbstractFit):
     def _replace(self, replacement: Replacement) -> None:
         """Add or replace triangles, as `replacement` says, in the unknowns and the solver's state.
 
-        The loss may rise for a while afterwards, so the best unknowns before it are remembered.
+        The loss may rise afterwards, so the best unknowns before that are remembered.
         """
         if np.isfinite(self.progress.best_loss):
             earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
@@ -347,9 +339,8 @@ class LayersFit(AbstractFit):
     def _fit_background(self) -> None:
         """Set the background to the colour that `palette.best_background` computes.
 
-        Losses with different backgrounds are not comparable. Therefore the best unknowns so far are
-        forgotten when the background changes. Nothing is done if all channels would change by less
-        than `palette.LEAST_CHANGE`.
+        A new background makes losses incomparable, so it forgets the best unknowns so far. Nothing
+        is done if all channels would change by less than `palette.LEAST_CHANGE`.
         """
         y, target = self._with_frozen_values(self.progress.y), self.request.target.premultiplied()
         data = self.data._replace(frozen=None)
@@ -364,10 +355,9 @@ class LayersFit(AbstractFit):
         """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
         The palette is improved, too, unless the user gave its colours. The background gets a colour
-        of the palette if `has_palette_background` says so. Losses with different frozen colours are
-        not comparable. Therefore the best unknowns so far are forgotten when colours change. After
-        the first call, nothing is done if all colours and the palette would change by less than
-        `palette.LEAST_CHANGE`.
+        of the palette if `has_palette_background` says so. New colours make losses incomparable, so
+        they forget the best unknowns so far. After the first call, nothing is done if all colours
+        and the palette would change by less than `palette.LEAST_CHANGE`.
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(

@@ -18,6 +18,10 @@ from .spare import padded_unknowns
 from .start import LayersStart
 from .unknowns import LayersUnknowns, layers_scene
 
+_NEW_SIZE, _EXCHANGED_SIZE = 0.9, 0.35
+"""Typical circumradius of a new triangle, as a multiple of `FitSizes.spacing`; and a further factor
+for the new triangles of an exchange."""
+
 
 class FitSizes(NamedTuple):
     """The sizes and options of a fit of layers that fix the shapes of its arrays.
@@ -55,6 +59,14 @@ class FitSizes(NamedTuple):
     def spacing(self, count: int) -> float:
         """Side, in pixels, of a square whose area is the area of the canvas divided by `count`."""
         return float(np.sqrt(self.height * self.width / max(count, 1)))
+
+    def circumradius(self, count: int) -> float:
+        """Typical circumradius, in pixels, of a new triangle in a fit with `count` triangles."""
+        return _NEW_SIZE * self.spacing(count)
+
+    def exchanged_circumradius(self, count: int) -> float:
+        """Typical circumradius, in pixels, of a new triangle that replaces one of `count`."""
+        return _NEW_SIZE * _EXCHANGED_SIZE * self.spacing(count)
 
     def unknowns(self, triangles: LayersStart) -> LayersUnknowns:
         """Make unknowns of `length` triangles: the given triangles, followed by spare ones."""
