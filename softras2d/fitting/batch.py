@@ -63,7 +63,7 @@ def fit_batch(
     - `devices`: devices of JAX, each of which takes an equal share of the images, by the same
       program and without communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
-      count for the whole batch.
+      are those of all images together.
     - There is no `family`, `callback` or `checkpoint`.
 
     Ctrl-C acts as in `fit`. Raises `ValueError`, one line, as `fit` does, and for no targets or

@@ -54,8 +54,8 @@ def fit(
 ) -> FitResult:
     """Find the triangles that together look most like an image.
 
-    Returns the scene with the least loss, with its hard image, its scores and the history of the
-    fit.
+    Returns the scene with the least loss, with its hard image (16 samples per pixel), its scores
+    and the history of the fit.
 
     - `target`: `[height, width, 3 or 4]` floats in 0..1 with straight alpha, as `read_image` gives
       them. Or grey, `[height, width]` or `[height, width, 1]`; `uint8`, which stands for 0..255; or
@@ -68,10 +68,10 @@ def fit(
       result on the same machine.
     - `steps`: total number of solver steps, including the steps of `resume`. The default is 1000.
     - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
-    - `size`: pixels along the longer side of the image at which to fit. The default is 256 for
-      layers, and 1024 for a mesh. A fit is never larger than its target. The colours of a mesh are
-      solved for at the size of the target at the end, if the loss is squared error of sRGB values
-      and there is no `palette`, `freeze` or `callback`.
+    - `size`: number of pixels along the longer side of the image during the fit. The default is 256
+      for layers, and 1024 for a mesh. A fit is never larger than its target. At the end, the
+      colours of a mesh are solved for at the size of the target, if the loss is squared error of
+      sRGB values and there is no `palette`, `freeze` or `callback`.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
       corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
       `"linear"`, interpolated between three corner colours that no other triangle shares. The
@@ -80,20 +80,23 @@ def fit(
     - `softness`: width of the soft edges of layers (`Soft.width`), in pixels of the fit, at most
       64; or a pair, the width at the start and the width from the middle of the fit on.
     - `colors`: `"together"`, the solver changes colours and geometry together. With squared error,
-      colours can be solved for in closed form instead: with `"solve"`, before each chunk of steps
-      and at the end; with `"polish"`, only at the end.
+      colours can also be solved for by linear least squares: with `"solve"`, before each chunk of
+      steps and at the end; with `"polish"`, only at the end. A chunk is a number of solver steps
+      that run as one compiled program.
     - `loss`: `"squared"` or `"l1"`, the squared or absolute error summed over pixels and channels;
       or `"ssim"`, the squared error plus 0.02 (1 - SSIM) for each channel of each pixel. Or a
       function `(image, target) -> scalar`, which is compiled: see below. Least-squares solvers take
-      `"squared"` alone. Triangles are placed by the squared error of sRGB values in any case.
+      `"squared"` alone. Whatever the loss, new triangles are added by the squared error of sRGB
+      values.
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, 0 or more: factors for the squared or absolute error of each
       pixel. They are divided by their mean. A function as `loss` takes none.
-    - `start`: with `"error"`, triangles are added where the error is largest, and the triangles
-      that matter least are moved there, as the fit goes on. With any other start, the triangles to
-      start from are only fitted: `"uniform"`; `"delaunay"`, a mesh of random points that are denser
-      where the image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of
-      the fit.
+    - `start`: with `"error"`, triangles are added during the fit where the error is largest, and
+      the triangles that matter least are replaced by new ones there. With any other start, all
+      triangles exist from the beginning, and none are added or replaced: `"uniform"`, random
+      triangles, or a mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are
+      denser where the image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in
+      pixels of the fit.
     - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1,
       `[colours, 3]`, or a number of colours, which the fit then chooses. Each triangle has one of
       them, and so has the background of layers if the fit chooses it. For `shading="flat"`.
@@ -101,15 +104,15 @@ def fit(
       Or a mapping, which may have these names with the value True, and `"triangles"` or, for a
       mesh, `"vertices"` with a boolean mask of the triangles or vertices of the scene or mesh to
       start from. A frozen vertex keeps its position and colour; a frozen triangle keeps its corners
-      and colours. New triangles are still added to layers, and what is frozen of them stays as it
-      was when they were added, but none are exchanged.
+      and colours. With `start="error"`, new triangles are still added to layers. Their positions,
+      colours or opacity, if frozen, do not change after that. No triangle is replaced by a new one.
     - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
       there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
       colour is fitted, for opaque targets. A colour, RGB in 0..1, is not changed. `"transparent"`:
       an opaque target gets an alpha of 1.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `callback`: called with the current scene and a `ProgressReport` after each chunk of steps. It
-      may return another scene to go on from: see below.
+      may return another scene, from which the fit then continues: see below.
     - `resume`: the result of an earlier fit of this target. The fit continues from there, with the
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report`,
       `callback` and `checkpoint` of this call are used. If the earlier fit had a function as `loss`
@@ -133,10 +136,10 @@ def fit(
 
     **A `callback`** gets a scene in pixels of the target, with the triangles in use so far. The
     scene that it returns must have the same shapes and `triangles`, and finite numbers. The fit
-    goes on from there, and forgets the best scene before it; a scene that is returned after the
-    last chunk is the result. What is frozen stays, and a mesh moves only as far as no triangle
-    flips. An exception from the callback ends the fit and is passed on. This callback makes the
-    second half of the triangles mirror images of the first half:
+    continues from that scene, and forgets the best scene before it; a scene that is returned after
+    the last chunk is the result. What is frozen stays, and the vertices of a mesh move only as far
+    as no triangle is flipped. An exception from the callback ends the fit and is passed on. This
+    callback makes the second half of the triangles mirror images of the first half:
 
     ```python
     def symmetric(scene, report):

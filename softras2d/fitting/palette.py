@@ -165,7 +165,7 @@ def quantize(
     in `y` are of the palette already.
 
     - `residual`: the residual of the fit (`AbstractFit.residual`), of which only the image is used.
-    - `y`: the unknowns, with frozen values in place.
+    - `y`: the unknowns, in which frozen numbers have their fixed values.
     - `data`: the second argument of `residual`, with None as its field `frozen`.
     - `target`: the premultiplied target and its weights, at the size of the fit.
     - `palette`: the present palette.

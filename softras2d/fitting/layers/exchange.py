@@ -90,7 +90,7 @@ def find_exchange(
     triangle exceeds the cost of the removal; `placement` defines gain and cost. Returns None if no
     pair is exchanged.
 
-    - `y`: the unknowns, with frozen values in place.
+    - `y`: the unknowns, in which frozen numbers have their fixed values.
     - `image`: the image of the unknowns `y`, premultiplied.
     - `target`, `background`: premultiplied, at the size of the fit.
     - `active`: number of triangles in use, which are the first ones of `y`.

@@ -136,7 +136,7 @@ class LayersFit(AbstractFit):
 
     @property
     def _best(self) -> LayersUnknowns:
-        """The unknowns with the least loss so far, with frozen values in place.
+        """The unknowns with the least loss so far; frozen numbers have their fixed values.
 
         If no loss is known yet, they are the present unknowns.
         """
