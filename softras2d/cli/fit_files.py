@@ -134,9 +134,10 @@ class AnimationFrames:
 
 
 def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
-    """Draw scenes as RGB images of at most `_MAX_SIDE` pixels on the longer side, for an animation.
+    """Draw scenes as RGB images of at most `_MAX_SIDE` (320) pixels on the longer side.
 
-    The scenes have arrays of equal shapes, in pixels of a canvas of `height` x `width`.
+    They are the frames of an animation. The scenes have arrays of equal shapes, and positions in
+    pixels of a canvas of `height` x `width` pixels.
     """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))

@@ -110,8 +110,8 @@ def fit_single_picture(
 def _check_alpha(outputs: list[Path], picture: Any, background: Any) -> None:
     """Raise `ValueError` if an output file is a JPEG, and the result of the fit will have alpha.
 
-    The result has alpha if `picture` has translucent pixels, and if `background` is
-    `"transparent"`.
+    The result has alpha if `picture`, `[height, width, channels]`, has translucent pixels, or if
+    the option `background` is `"transparent"`.
     """
     for path in outputs:
         if background == "transparent" and path.suffix.lower() in (".jpg", ".jpeg"):

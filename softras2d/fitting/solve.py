@@ -66,9 +66,10 @@ class Chunk(NamedTuple):
 
 
 def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
-    """Begin a solve at the unknowns `y`, without taking a step.
+    """Begin a solve, which is a run of an optimizer from the unknowns `y`, without taking a step.
 
-    `args`: the second argument of `residual`, its data.
+    - `residual`: the function to be minimised, see `Residual`.
+    - `args`: the second argument of `residual`, its data.
     """
     return Progress(y, _begin(solver, residual, y, args), 0)
 
