@@ -18,6 +18,7 @@ from softras2d.fitting.budget import Budget, Limits
 from softras2d.fitting.choices import normalize
 from softras2d.fitting.interrupt import deferred_interrupt
 from softras2d.fitting.layers.family import LayersFit
+from softras2d.fitting.layers.sizes import FitSizes
 from softras2d.fitting.mesh.family import MeshFit
 from softras2d.fitting.score import Scorer
 from softras2d.fitting.solvers import levenberg_marquardt
@@ -29,10 +30,10 @@ from ..cases.pictures import blobs
 TARGET = blobs()
 
 
-def _plan_of_no_triangles(family: LayersFit, plan_of: Callable[..., Plan]) -> Plan:
+def _plan_of_no_triangles(sizes: FitSizes, plan_of: Callable[..., Plan]) -> Plan:
     """The plan of an empty scene, whose lists may be too short for the triangles of the fit."""
     empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
-    return dataclasses.replace(plan_of(family, [empty]), lists_all=False)
+    return dataclasses.replace(plan_of(sizes, [empty]), lists_all=False)
 
 
 @pytest.mark.slow
@@ -40,7 +41,7 @@ def _plan_of_no_triangles(family: LayersFit, plan_of: Callable[..., Plan]) -> Pl
 def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
     """The first plan is that of an empty scene."""
     plans = []
-    plan_of = LayersFit._plan
+    plan_of = FitSizes.plan
 
     def plan_too_small(self, scenes):
         plans.append(len(scenes))
@@ -48,7 +49,7 @@ def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
             return plan_of(self, scenes)
         return _plan_of_no_triangles(self, plan_of)
 
-    monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
+    monkeypatch.setattr(FitSizes, "plan", plan_too_small)
     result = sr.fit(TARGET, triangles=400, start="uniform", solver=solver, steps=4)
     assert len(plans) > 1
     assert result.history[-1].steps == 4
@@ -60,7 +61,7 @@ def test_a_fit_that_exceeds_its_plan_makes_another(solver, monkeypatch):
 def plans_too_small(monkeypatch) -> list[int]:
     """Make the first two plans those of an empty scene; returns one entry for each plan made."""
     plans = []
-    plan_of = LayersFit._plan
+    plan_of = FitSizes.plan
 
     def plan_too_small(self, scenes):
         plans.append(len(scenes))
@@ -68,7 +69,7 @@ def plans_too_small(monkeypatch) -> list[int]:
             return plan_of(self, scenes)
         return _plan_of_no_triangles(self, plan_of)
 
-    monkeypatch.setattr(LayersFit, "_plan", plan_too_small)
+    monkeypatch.setattr(FitSizes, "plan", plan_too_small)
     return plans
 
 
