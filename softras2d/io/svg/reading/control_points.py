@@ -111,11 +111,10 @@ class SvgControls(eqx.Module):
         columns = np.broadcast_to(
             2 * controls[:, None, :, None] + np.arange(2)[None, None, None], values.shape
         )
-        shape = (2 * count, 2 * max(len(self.points), 1))
-        matrix = sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape)
-        matrix = matrix.tocsr()
-        matrix.eliminate_zeros()
-        return matrix
+        # Constant vertices name control 0, with a weight of 0, even if there is none.
+        is_used = values != 0
+        entries = (values[is_used], (rows[is_used], columns[is_used]))
+        return sparse.coo_matrix(entries, (2 * count, 2 * len(self.points))).tocsr()
 
     def text(self, points: Any = None) -> str:
         """The text of the SVG file with `points` as its control points, by default `self.points`.

@@ -127,7 +127,8 @@ def test_drawings_without_paths_have_no_control_points(tmp_path):
     controls = sr.read_svg_controls(path)
     assert controls.points.shape == (0, 2)
     np.testing.assert_array_equal(controls.positions(controls.points), controls.scene.positions)
-    assert controls.matrix().nnz == 0
+    assert controls.matrix().shape == (2 * len(controls.controls), 0)
+    assert not (controls.matrix() @ np.asarray(controls.points).ravel()).any()
 
 
 def test_control_points_need_an_affine_map(tmp_path):
