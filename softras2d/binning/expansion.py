@@ -75,9 +75,9 @@ def expand(
 
 
 def saturated_sum(counts: Int[Array, " owners"]) -> Int[Array, ""]:
-    """Sum of the counts, clamped to 2^30.
+    """Sum of the counts, or 2^30 if it is about 2^30 or more.
 
-    Without the clamp, a sum that wraps around in int32 could pass for a small one.
+    A float32 sum decides which: an int32 sum that wraps around could pass for a small one.
     """
     fits = jnp.sum(counts.astype(jnp.float32)) < 2.0**30
     return jnp.where(fits, jnp.sum(counts, dtype=jnp.int32), 2**30)

@@ -139,7 +139,10 @@ def evaluate(
 
 @functools.partial(evaluate.defjvp, symbolic_zeros=True)
 def _evaluate_jvp(function, primals, tangents):
-    """Differentiate `evaluate`; the tangent of `geometry` is ignored, as `corners` stand for it."""
+    """Compute `evaluate` and its jvp.
+
+    The tangent of `geometry` is ignored: the derivative with respect to `corners` includes it.
+    """
     corners, geometry, parameter = primals
     value = evaluate(function, corners, geometry, parameter)
     velocity, _, parameter_change = tangents

@@ -105,7 +105,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def vjp(
         self, geometry: Outline, parameter: Parameter, cotangent: Float[Array, "slots pixels"]
     ) -> Coordinates:
-        """Sum the derivatives of the area by the corners, times the cotangent, over the pixels.
+        """Compute the derivative of `sum(cotangent * area)` with respect to each slot's corners.
 
         The derivatives follow from the length of each edge in each pixel.
         """

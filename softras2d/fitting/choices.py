@@ -134,9 +134,9 @@ def _check_integer(name: str, value: Any, minimum: int) -> None:
 
 def _is_number(value: Any) -> bool:
     """Whether a value is a finite real number, and not a boolean."""
-    is_numeric = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    is_real = isinstance(value, int | float | np.integer | np.floating)
     try:
-        return is_numeric and math.isfinite(value)
-    except (OverflowError, TypeError):
-        # Integers too large for a float, and complex numbers.
+        return is_real and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        # An integer too large for a float is too large for any option.
         return False

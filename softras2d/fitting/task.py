@@ -90,7 +90,10 @@ class Task:
         return settings["family"] == "mesh" and is_squared and is_shrunk and is_free
 
     def polish(self, *, at_full_size: bool = True) -> None:
-        """Solve for colours at the end, as `polishes` and `polishes_at_full_size` say.
+        """Solve for the colours at the end of the fit.
+
+        This is done at the size of the fit if `polishes`, and then at the size of the target if
+        `polishes_at_full_size`.
 
         `at_full_size`: False leaves out the solution at the size of the target.
         """

@@ -293,8 +293,8 @@ def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) ->
     `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples exactly on an edge are inside. With
     `"top_left"`, they are inside only of an edge that goes up, or to the right along a row. From
     the edge function of every other edge, which is an integer, 1 is then subtracted before it is
-    divided by 2^k, so that the samples on the edge are outside. The edge functions of a triangle
-    without area are -1 everywhere, so that it covers no sample.
+    divided by 2^k, so that the samples on the edge are outside. Moreover, the edge functions of a
+    triangle without area are then -1 everywhere, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = grid_triangles[:4]

@@ -175,7 +175,10 @@ class LayerColors(SampleColors):
     def are_known(
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
-        """Whether `colors`, from which the layers' colours are made, are known."""
+        """Whether the colours on both sides of each crossing are known, as `colors` answers it.
+
+        The arguments are as in `SampleColors.are_known`.
+        """
         return self.colors.are_known(shows_inside, shows_outside)
 
     def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:

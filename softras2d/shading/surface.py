@@ -95,10 +95,10 @@ class Surface(NamedTuple):
     def weight_terms(
         self, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
     ) -> AffineWeights:
-        """Compute the terms of the barycentric weights for lanes of triangles in tiles.
+        """Compute the terms of the barycentric weights of corners 1 and 2, one triangle per lane.
 
-        Each lane is one of the triangles in one of the tiles. The terms give the weights at single
-        samples (`barycentric.weights_at`).
+        Lane k is triangle `triangle[k]` in tile `tile[k]`. `barycentric.weights_at` evaluates the
+        terms at single samples of that tile; the weight of corner 0 is 1 minus the other two.
         """
         weights = slot_weights(self.edges, self.area, triangle, tile, tiling, self.planes)
         return affine_weights(weights)

@@ -3,6 +3,8 @@
 A two-dimensional filter is the product of one mix along u and the same mix along v. To add one,
 write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. For plans
 to report it, add a row to `EFFECTS` and its name to `SCENE_EFFECTS` (both in `planning.effects`).
+The viewer offers it once its name is in `PIXEL_FILTERS` of `viewing/static/viewer.js`. With
+negative weights, colours and alpha may leave the range of the texels.
 """
 
 import abc

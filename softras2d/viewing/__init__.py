@@ -5,6 +5,12 @@ requests for pictures, pixels and overlays of its subjects, and knows nothing of
 of the web page and the notebook widget carry the same messages to the same JavaScript module,
 `static/viewer.js`.
 
+When the view changes, the page sends its `View`: zoom, offset, and size of the canvas (`view.py`).
+`Session.picture` asks the subject for its scene at that zoom (`subject.py`): an SVG file is read
+again for the enlarged canvas, and a scene in memory is scaled. `Artist` (`draw.py`) draws the part
+of the scene that the canvas shows, with the plan of the nearest octave of zoom (`plans.py`). Until
+the picture arrives, `static/viewer.js` shows the last one, moved and scaled.
+
 Requests are answered in a separate thread (`worker.py`), and large programs are compiled in another
 (`background.py`), so that a slow render does not delay the page. A newer request replaces older
 requests of the same kind.

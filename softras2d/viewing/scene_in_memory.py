@@ -51,7 +51,10 @@ class SceneInMemory(Subject):
         return self._height, self._width
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene with its positions multiplied by `zoom`."""
+        """The scene, enlarged by about `zoom`: to the whole pixels of `view.enlarged_size`.
+
+        Raises `ValueError` if the enlarged drawing has too many pixels a side.
+        """
         return self._scenes.get(self, zoom, self._enlarge)
 
     def fit_state(self) -> FitState | None:

@@ -196,9 +196,9 @@ class Session:
         yield Reply({"vertices": len(rows)}, _bytes(rows))
 
     def costs(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Measure the time of a render with and without each effect; one reply per effect.
+        """Measure the time of a render with and without each effect, in milliseconds.
 
-        The header of the first reply, whose effect is None, has the time of the complete scene.
+        Yields a reply for the complete scene, whose `effect` is None, and then one for each effect.
         """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)

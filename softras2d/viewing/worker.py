@@ -61,7 +61,10 @@ class Worker:
             self._changed.notify()
 
     def forget(self, owner: Hashable) -> None:
-        """Drop all requests of an owner that are still to be answered."""
+        """Drop all jobs of an owner.
+
+        A reply that is being computed is still delivered; no further reply of its job is.
+        """
         with self._changed:
             for key in [key for key in self._jobs if key[0] == owner]:
                 del self._jobs[key]

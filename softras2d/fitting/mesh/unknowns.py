@@ -82,7 +82,7 @@ class MeshResidual(eqx.Module):
     It draws the unknowns, and returns `(out, (image, outgrown))`. `outgrown` says whether the scene
     needs more capacity than the plan has. With squared error, `out` is a pair of residuals: that of
     the image, and that of small triangles. With any other loss, `out` is the scalar loss plus the
-    squares of the second residual.
+    sum of the squares of the second residual.
 
     - `plan`: for the size of the fit, with coverage `Area("sum")`.
     - `loss`: the error of the image.

@@ -91,10 +91,11 @@ def stroke(
 def union(
     triangles: Float[np.ndarray, "triangles 3 2"], budget: Budget | None = None, index: int = 0
 ) -> Any:
-    """Unite triangles that may overlap into one shapely (multi)polygon.
+    """Unite triangles, which may overlap, into one shapely (multi)polygon.
 
-    Pairs of triangles whose bounding boxes overlap are charged to `budget`. `index` is the index of
-    the shape in a `BudgetError`.
+    Triangles without area are left out. Each pair of triangles whose bounding boxes overlap charges
+    two `pairs` to `budget`, beyond whose limit `BudgetError` is raised. None is a new budget with
+    the same limits. `index` is the index of the shape in the error.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
