@@ -84,8 +84,8 @@ def _sum_weighted(
     # Clipping the gap instead would halve the gradient of the nearest triangle, whose gap is 0. The
     # test precedes the division, so that the vjp never multiplies an infinity by zero.
     counts = (opacity > 0) & (gap > _LEAST_LOG_WEIGHT * temperature)
-    # All other slots get a weight of exactly 0. Even exp(-80) would have a derivative by depth,
-    # which a low temperature and a large depth make large.
+    # All other slots get a weight of exactly 0. Even exp(-80) would have a derivative with respect
+    # to depth, which a low temperature and a large depth make large.
     log_weight = jnp.where(counts, gap, 0.0) / temperature
     weight = jnp.where(counts, opacity, 0.0) * jnp.exp(log_weight)
     terms = [

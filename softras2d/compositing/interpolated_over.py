@@ -8,8 +8,8 @@ at a time (`interpolated_slots`).
 Corner j of a slot's triangle has the colour c_j, and the weight w_j in a pixel. A slot of opacity
 a, with transmittance T in front of it, adds T a times its colour to the pixel. Let g be the
 cotangent of the pixel. Then the cotangent of w_j, for corners 1 and 2, is T a (c_j - c_0) . g, from
-which `PixelFunction.vjp` computes the derivatives by the positions. The cotangent of c_j is the sum
-of T a w_j g over the pixels.
+which `PixelFunction.vjp` computes the derivatives with respect to the positions. The cotangent of
+c_j is the sum of T a w_j g over the pixels.
 """
 
 import functools

@@ -300,10 +300,11 @@ def _sum_alpha_derivatives(
     corner: int,
     tiling: Tiling,
 ) -> Float[Array, "width lines"]:
-    """Sum the derivatives by a layer's alpha over the samples of each pixel that the layer covers.
+    """Sum the derivative with respect to a layer's alpha over the samples that the layer covers.
 
-    The derivative at a sample is T_k (W_k - R_k), in the symbols of this file. With `corner` 1 or
-    2, each is multiplied by the weight of this corner. With 0 it is not.
+    The result has one sum for each pixel. The derivative at a sample is T_k (W_k - R_k), in the
+    symbols of this file. With `corner` 1 or 2, it is multiplied by the weight of this corner. With
+    0 it is not.
     """
     gains = transmittance * _value_difference(layer, corner_values, value_behind)
     return sum_covered(layer, gains, corner, tiling)
@@ -365,7 +366,8 @@ def _sum_tiles(
 
     Entries are red, green, blue and alpha of each corner in turn.
 
-    - `by_alpha`: for each corner, what each pixel adds to the derivative by the corner's alpha.
+    - `by_alpha`: for each corner, what each pixel adds to the derivative with respect to the
+      corner's alpha.
     - `visible`: for each corner, the sum of transmittance times alpha times the corner's weight
       over the samples of each pixel.
     - `height`: number of lines (rows of pixels) of a tile.

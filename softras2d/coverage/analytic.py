@@ -87,8 +87,8 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
         """Compute the transpose of `jvp`: sums over the pixels of each slot, and over its values.
 
         `cotangent` is `[*values, slots, pixels]`: the cotangent of the value at every pixel of a
-        tile, row by row from the top. Returns the derivatives by the six coordinates of the
-        corners, each `[slots]`.
+        tile, row by row from the top. Returns the derivatives with respect to the six coordinates
+        of the corners, each `[slots]`.
         """
 
     def parameter_derivative(

@@ -298,7 +298,7 @@ def may_pass_tile(edge: ClippedEdge, side: int) -> Bool[Array, "*slots"]:
 
 @materialized
 def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -> Coordinates:
-    """Compute the derivatives by the six coordinates of the corners, for `AreaCoverage.vjp`.
+    """Compute the derivatives with respect to the corners' coordinates, for `AreaCoverage.vjp`.
 
     `swept` holds, for each edge, the sums over pixels of the two integrals of `_length_in_pixel`,
     weighted by the cotangent.
@@ -313,9 +313,9 @@ def _gradient_of_swept(outline: Outline, swept: tuple[tuple[Array, ...], ...]) -
 def add_edge_gradient(
     gradient: list[Array], k: int, edge: ClippedEdge, total: Array, towards_end: Array
 ) -> None:
-    """Add the derivatives by the start and the end of edge k to `gradient`, changed in place.
+    """Add the derivatives with respect to the start and the end of edge k to `gradient`, in place.
 
-    - `gradient`: the derivatives by x and y of corner 0, then of corners 1 and 2.
+    - `gradient`: the derivatives with respect to x and y of corner 0, then of corners 1 and 2.
     - `total`: the integral of a weight dt along the edge, where t is 0 at the edge's start and 1 at
       its end.
     - `towards_end`: the integral of t times the weight.

@@ -337,7 +337,7 @@ def _gradient_of_sums(
     moments: tuple[Array, ...],
     swept: tuple[tuple[Array, ...], ...],
 ) -> Coordinates:
-    """Compute the derivatives by the six coordinates of the corners, for `CentroidWeights.vjp`.
+    """Compute the derivatives with respect to the corners' coordinates, for `CentroidWeights.vjp`.
 
     - `moments`: the sums over pixels of the terms of `_moments_inside`.
     - `swept`: for each edge, the sums over pixels of the terms of `_terms_along`.

@@ -143,11 +143,11 @@ def _corner_mixing(
     A triangle that collapses to a segment has two boundaries there: the longest edge, and the two
     other edges, which meet at the middle corner. Its image has a kink, because the side to which
     the middle corner moves decides which boundary is nearer to a pixel, and in the end a rounding
-    decides it. So below `least_height`, the derivative by the middle corner is handed over to the
-    ends of the segment, in proportion to where the middle corner lies between them. Likewise, two
-    corners that are closer to each other than `least_height` share their derivatives. Derivatives
-    then have the same limit from both orientations, the derivative of the distance to the segment,
-    whichever edge was chosen as the nearest.
+    decides it. So below `least_height`, the derivative with respect to the middle corner is handed
+    over to the ends of the segment, in proportion to where the middle corner lies between them.
+    Likewise, two corners that are closer to each other than `least_height` share their derivatives.
+    Derivatives then have the same limit from both orientations, the derivative of the distance to
+    the segment, whichever edge was chosen as the nearest.
     """
     one, zero = jnp.ones_like(thickness), jnp.zeros_like(thickness)
     # Corners k and k + 1 are as close as edge k is short.
@@ -200,7 +200,8 @@ def mix_gradient(
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Apply the transpose of `mix_velocity`.
 
-    `gradient` and the result hold the derivatives by x and y of corner 0, then of corners 1 and 2.
+    `gradient` and the result hold the derivatives with respect to x and y of corner 0, then of
+    corners 1 and 2.
     """
     first, second, third, fourth, fifth, sixth = (
         mixing[0][corner] * gradient[axis]

@@ -187,7 +187,7 @@ def _unmix_cotangent(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 5 3"]) -> Coordinates:
-    """Compute the derivatives by the six coordinates of the corners, for `NearestWeights.vjp`.
+    """Compute the derivatives with respect to the corners' coordinates, for `NearestWeights.vjp`.
 
     The second axis of `moments` has the five entries of `weighted_cases` in `NearestWeights.vjp`.
     The third axis has the sums of these entries times 1, x and y.

@@ -302,7 +302,7 @@ def _growth_weights(
 
 @materialized
 def _gradient_of_moments(lines: TriangleLines, moments: Float[Array, "slots 6 3"]) -> Coordinates:
-    """Compute the derivatives by the six coordinates of the corners, for `SoftCoverage.vjp`.
+    """Compute the derivatives with respect to the corners' coordinates, for `SoftCoverage.vjp`.
 
     The second axis of `moments` has the six cases of `_nearest_feature`. The third axis has the
     sums, over the pixels of the case, of the weights (`_growth_weights`) times 1, x and y.

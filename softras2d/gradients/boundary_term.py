@@ -70,9 +70,10 @@ def boundary_term(
     crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
 ) -> Float[Array, "height width channels"]:
-    """Return an image of zeros whose derivative by positions and depth is the boundary term.
+    """Return an image of zeros whose derivative is the boundary term.
 
-    The arguments are those of `with_boundary_term`.
+    The derivative is with respect to positions and depth. The arguments are those of
+    `with_boundary_term`.
     """
     grid = shape.tiling.grid
     # The zero depends on the inputs: JAX 0.10 cannot differentiate a batched call of a `custom_jvp`

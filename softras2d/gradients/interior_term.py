@@ -75,7 +75,7 @@ def attach_interior_term(
     vertex: Int[Array, "triangles 3"],
     gradients: Float[Array, "2 3 triangles"],
 ) -> CornerAttributes:
-    """Return `corners` unchanged, with the interior term as their derivative by `positions`.
+    """Return `corners` unchanged, with the interior term as derivative with respect to `positions`.
 
     So colours and texture coordinates that are interpolated from the result change as the triangles
     move. All inputs are constants in second derivatives.

@@ -119,10 +119,10 @@ def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 
 def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Array:
-    """Return `image`, or NaN with NaN derivatives by every float of `scene` if `overflow` is true.
+    """Return `image`, or NaN with NaN derivatives if `overflow` is true.
 
-    The derivatives by all floats of `scene` are then NaN, even those by floats from which the image
-    is not computed.
+    The derivatives with respect to all floats of `scene` are then NaN, even with respect to floats
+    from which the image is not computed.
     """
     floats = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
     return _nan_if(image, floats, overflow)
@@ -156,7 +156,7 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 @jax.custom_jvp
 def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
-    """Return the image; on `overflow` NaN, with NaN derivatives by the arrays `floats`."""
+    """Return the image, or NaN with NaN derivatives with respect to `floats` on `overflow`."""
     return jnp.where(overflow, jnp.nan, image)
 
 

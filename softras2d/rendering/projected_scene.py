@@ -56,7 +56,8 @@ def project_scene(scene: Scene, plan: Plan) -> Projected:
     `plan` must be for `Hard` coverage.
     """
     grid = plan.grid
-    # The derivative by positions comes from `boundary_term` and `attach_interior_term` alone.
+    # The derivative with respect to positions comes from `boundary_term` and `attach_interior_term`
+    # alone.
     projection = project(
         jax.lax.stop_gradient(scene.positions),
         scene.triangles,

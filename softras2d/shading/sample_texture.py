@@ -29,8 +29,9 @@ def sample_texture(
     - `filter`: how textures are filtered; None is `Filter()`.
     - `texture_index`: index of the texture, one number or `[...]`; -1 reads 1 in every channel.
 
-    Returns RGB or premultiplied RGBA. Differentiable by `uv`, `footprint` and texels; the
-    derivative by the footprint comes from the blend between two levels and from the probes.
+    Returns RGB or premultiplied RGBA. Differentiable with respect to `uv`, `footprint` and texels;
+    the derivative with respect to the footprint comes from the blend between two levels and from
+    the probes.
 
     Raises `ValueError` for other shapes.
     """

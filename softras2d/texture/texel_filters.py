@@ -49,7 +49,7 @@ class Nearest(AbstractTexelFilter):
     shift: ClassVar[float] = 0.5
 
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
-        """Give the one tap the weight 1, so that the gradient by the position is zero."""
+        """Give the one tap the weight 1, whose derivative is zero."""
         return (jnp.ones_like(fraction),)
 
 

@@ -183,7 +183,7 @@ class Session:
         yield Reply(header, _bytes(lengths.astype(np.uint32)))
 
     def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Reply with gradients by vertex positions: rows of (x, y, d/dx, d/dy) as float32.
+        """Reply with the gradient of each vertex: rows of (x, y, d/dx, d/dy) as float32.
 
         The differentiated function is the mean squared difference to the image of the subject that
         the field `target` of the request names.
