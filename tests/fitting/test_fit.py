@@ -257,7 +257,6 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`steps` must be": dict(steps=-1),
     "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
     "`seconds` must be": dict(seconds=-1.0),
-    "`seconds` must be a number": dict(seconds=np.complex64(1)),
     "`softness` must be": dict(softness=0),
     "`softness` must be pixels": dict(softness=(1, 2, 3)),
     "`colors` must be one of": dict(colors="guess"),
