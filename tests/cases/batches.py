@@ -1,4 +1,4 @@
-"""Batches of small scenes, and the derivatives that each scene gives alone."""
+"""Batches of small scenes, and the derivatives of each scene when it is drawn alone."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,7 +1,7 @@
-"""Derivatives of a render by all floating-point arrays of a scene and by its level-of-detail bias.
+"""Derivatives of a render with respect to all floating-point arrays and the level-of-detail bias.
 
-They take one forward and one backward program for each structure of a scene, whichever arrays a
-test is about.
+Each structure of a scene is compiled into one forward and one backward program, whichever arrays a
+test varies.
 """
 
 from typing import Any

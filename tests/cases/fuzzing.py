@@ -23,7 +23,10 @@ def cases(share: float = 1.0) -> Iterator[tuple[int, np.random.Generator]]:
 
 
 def damaged(data: bytes, rng: np.random.Generator, *, first: int = 0) -> bytes:
-    """Damage `data`: replace up to eight bytes from `first` on, cut off the end, repeat a piece."""
+    """Damage `data`: replace up to eight bytes, cut off the end, or repeat a piece.
+
+    `first`: bytes before this index are not replaced.
+    """
     changed = bytearray(data)
     kind = rng.integers(4)
     if kind == 0:

@@ -6,5 +6,5 @@ import pytest
 
 
 def slowly(*values: Any) -> Any:
-    """Mark a parameter for the slow run: each structure of a scene takes seconds to compile."""
+    """Mark a parameter for the slow run, since each structure of a scene compiles for seconds."""
     return pytest.param(*values, marks=pytest.mark.slow)

@@ -1,6 +1,6 @@
 """Every coverage option with the effects that it draws, and small scenes with these effects.
 
-When a coverage learns to draw an effect, its entry in `MODES` gets one more word.
+To test another effect under a coverage option, add the word for the effect to the entry in `MODES`.
 """
 
 from typing import Any, NamedTuple
@@ -28,8 +28,8 @@ class Mode(NamedTuple):
     - `effects`: words among `corners` (colours), `alpha`, `texture`, `depth`, `perspective`,
       `clear` (a background of four channels), and `far` (triangles past the guard band).
     - `zero`: inputs whose derivative is exactly zero.
-    - `hides`: whether a triangle hides what lies behind it. Blending by depth does not, since what
-      lies deeper has a weight, however small; nor does a sum.
+    - `hides`: whether an opaque triangle completely hides what lies behind it. It does not if
+      colours are blended by depth, where deeper triangles have a small weight, or are summed.
     """
 
     coverage: sr.Hard | sr.Soft | sr.Area

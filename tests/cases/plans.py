@@ -1,4 +1,4 @@
-"""A scene of many triangles, its plan, and its image by the oracle."""
+"""Random scenes of many triangles, a plan for them, and their images from the oracle."""
 
 import numpy as np
 

@@ -1,4 +1,7 @@
-"""What a least-squares solver needs of an image: the value, J v, J^T w, and J^T J v."""
+"""The image and the products with its Jacobian J that a least-squares solver needs.
+
+The products are J v, J^T w and J^T J v.
+"""
 
 from typing import Any, NamedTuple
 
@@ -29,7 +32,7 @@ class Products(NamedTuple):
 def products(
     scene: sr.Scene, plan: sr.Plan, directions: Any, weight: Any, pixel_weight: Any
 ) -> Products:
-    """Compute all products by `jax.linearize` and its transpose, in one program to compile once.
+    """Compute all products by `jax.linearize` and its transpose, in one compiled program.
 
     - `directions`: trees of the structure of `float_leaves(scene)`, stacked.
     - `weight`: w, of the shape of the image.

@@ -1,4 +1,4 @@
-"""Images by `rasterize` and `resolve`, with colours computed as a caller would, and gradients."""
+"""Images and gradients from `rasterize` and `resolve`, with colours computed by a test."""
 
 from dataclasses import replace
 from typing import Any
@@ -48,7 +48,7 @@ def resolve_interpolated(scene: sr.Scene, plan: sr.Plan) -> Float[Array, "height
 def image_and_gradient(
     draw: Any, scene: sr.Scene, plan: sr.Plan, weight: Any
 ) -> tuple[Float[Array, "height width 3"], sr.Scene]:
-    """The image by `draw`, and the gradient of its weighted sum by all floats of the scene."""
+    """The image from `draw`, and the gradient of its weighted sum for all floats of the scene."""
     floats, rest = eqx.partition(scene, eqx.is_inexact_array)
 
     def total(floats: Any) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ def grazing(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
     grid = 2.0**-canvas.exponent
     low, high = canvas.band()
     sample = np.rint(sample_points(rng, canvas, COUNT, 1) / grid) * grid
-    # Both ends lie whole multiples of one step from the sample, and within the band.
+    # Both ends lie an integer number of equal steps from the sample, and within the band.
     reach = np.minimum(sample - low, high - sample)
     times = rng.integers(1, 60, (COUNT, 2, 1))
     step = np.floor(rng.uniform(-1, 1, (COUNT, 1, 2)) * reach / grid / times.max(axis=1)[:, None])
@@ -131,7 +131,7 @@ def parked(canvas: Canvas, count: int) -> np.ndarray:
 def vast(canvas: Canvas, count: int) -> list[np.ndarray]:
     """Four scenes of `count` equal triangles that fill half of the band.
 
-    They need nearly the greatest capacities of any scene of `count` triangles in the band.
+    No scene of `count` triangles in the band needs capacities that are much greater.
     """
     low, high = canvas.band()
     middle = (low + high) / 2

@@ -39,8 +39,8 @@ class Case(NamedTuple):
     - `depth`, `inverse_w`: `[6, 3]`.
     - `temperature`: of blending by depth, in units of depth.
     - `modes`: the modes that draw the case.
-    - `limits`: greatest error of the image, and of the gradient, jvp and Gauss-Newton product by
-      each input, relative to the greatest number or to 1.
+    - `limits`: greatest allowed error of the image, and of the gradient, jvp and Gauss-Newton
+      product with respect to each input, relative to the greatest true number or to 1.
     """
 
     corners: np.ndarray
@@ -160,7 +160,7 @@ def solve(case: Case, mode: str, dtype: Any = np.float32) -> dict[str, Any]:
     direction = jax.tree.map(
         lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), float_leaves(scene)
     )
-    # 1 / w changes by a share of itself, since colours are divided by it.
+    # Colours are divided by 1 / w, so a direction changes 1 / w in proportion to its value.
     direction = eqx.tree_at(lambda d: d.inverse_w, direction, direction.inverse_w * scene.inverse_w)
     weight = jnp.asarray(rng.normal(size=(SIZE, SIZE, 3)), dtype)
     result = products(scene, plan, stack([direction]), weight, jnp.ones((SIZE, SIZE), dtype))
@@ -172,7 +172,11 @@ def solve(case: Case, mode: str, dtype: Any = np.float32) -> dict[str, Any]:
 
 
 def measure(case: Case, mode: str) -> Errors:
-    """Errors of float32 against float64: the worst input counts, relative to its own numbers."""
+    """Greatest errors of float32 against float64 over all inputs.
+
+    Errors are relative to the numbers of the same input, so that an input with large numbers does
+    not conceal the errors of the others.
+    """
     with jax.enable_x64(True):
         expected_numbers = solve(case, mode, np.float64)
     numbers = solve(case, mode)

@@ -34,8 +34,8 @@ class Case(NamedTuple):
     - `colors`: straight RGBA `[n, 4]`.
     - `modes`: the modes that draw the case.
     - `softness`: width of soft edges in pixels.
-    - `limits`: greatest error of the image, and of the gradient, jvp and Gauss-Newton product,
-      relative to the greatest number of each or to 1.
+    - `limits`: greatest allowed error of the image, and of the gradient, jvp and Gauss-Newton
+      product, relative to the greatest true number of each or to 1.
     - `size`: side of the canvas in pixels.
     """
 
@@ -123,7 +123,8 @@ def with_width(softness: float) -> Case:
     corners = ordinary_triangles()
     corners[1] = [(4.5, -6), (4.5, 22), (22, 7.25)]
     corners[4] = [(-6, 9.5), (22, 9.5), (7.25, 22)]
-    # Coverage depends on distance over width. A distance errs by a few roundings of a coordinate.
+    # Coverage depends on distance divided by width. The rounding error of a distance, a few units
+    # in the last place of a coordinate, is therefore magnified by 1 / width.
     limits = (max(2e-6, min(0.5, 1e-6 / softness)), max(2e-5, min(1.0, 4e-6 / softness)))
     return Case(corners, translucent_colors(), ("soft",), softness, limits)
 
@@ -157,8 +158,8 @@ CASES: dict[str, Callable[[], Case]] = {
         f"area {area:.0e}": (lambda area=area: with_area(area))
         for area in (1e-12, 1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9)
     },
-    # The part of the longest edge in a pixel is about a millionth of it, so derivatives by its ends
-    # are differences of nearly equal numbers.
+    # A pixel contains about a millionth of the longest edge, so derivatives with respect to the
+    # end points of this edge are differences of nearly equal numbers.
     "area 1e+12": lambda: with_area(1e12)._replace(limits=(2e-6, 1e-3)),
     "slivers": lambda: with_hard_triangles(
         [

@@ -1,8 +1,8 @@
 """Triangles with little or no area, and limits on the size and mismatch of their derivatives.
 
-Each is drawn between two ordinary triangles, on a canvas of 16 x 16 pixels. `stability_measure`
-leaves out pixels whose derivative jumps within a rounding of the corners, and so every pixel that a
-triangle without area touches. The checks here leave out nothing.
+Each degenerate triangle is drawn between two ordinary ones, on a canvas of 16 x 16 pixels.
+`stability_measure` leaves out pixels whose derivative jumps within a rounding of the corners. These
+include every pixel that a triangle without area touches. The checks here leave out no pixel.
 """
 
 from collections.abc import Callable
@@ -146,7 +146,7 @@ def plan_of(coverage: Coverage, effects: str) -> sr.Plan:
 
 
 class Derivatives(NamedTuple):
-    """The image, its jvp and its vjp, by the corners of the degenerate triangle.
+    """The image, its jvp and its vjp with respect to the corners of the degenerate triangle.
 
     - `image`: `[SIZE, SIZE, 3]`.
     - `tangent`: J v along `VELOCITY`, `[SIZE, SIZE, 3]`.
@@ -200,7 +200,7 @@ def derive(scene: sr.Scene, plan: sr.Plan, corners: np.ndarray) -> Derivatives:
 
 
 def mismatch(derivatives: Derivatives) -> float:
-    """The difference between `w . J v` and `J^T w . v`, over the sum of the norms' products."""
+    """The difference between `w . J v` and `J^T w . v`, relative to products of their norms."""
     forward = float((WEIGHT * derivatives.tangent).sum())
     backward = float((derivatives.gradient * VELOCITY).sum())
     scale = np.linalg.norm(WEIGHT) * np.linalg.norm(derivatives.tangent)

@@ -148,7 +148,10 @@ def relative_error(found: Any, true: Any) -> float:
 
 
 def compare(found: Numbers, true: Numbers, compared: np.ndarray) -> Errors:
-    """Errors of `found`. All its numbers must be finite, but the jvp counts at `compared` alone."""
+    """Errors of `found` against `true`; infinite if any number of `found` is not finite.
+
+    The jvp is compared only at the pixels `compared`.
+    """
     mask = compared[..., None]
     jvp = np.where(mask | ~np.isfinite(found.jvp), found.jvp, 0)
     return Errors(
@@ -198,12 +201,13 @@ LONG_SIDE = 724
 
 
 def long_sum(mode: str) -> tuple[float, float]:
-    """Relative errors of long sums: of the gradient of the summed image, by colour and by corners.
+    """Relative errors of the gradient of an image summed over all pixels, which adds many numbers.
 
-    The scene is one triangle that covers about half of the canvas. Errors are relative to the norm
-    of the true gradient. It is known in closed form for exact area, and from NumPy for soft
-    coverage. For hard samples, the gradient by colour is a count of samples, and the gradient by
-    corners comes from the package in float64.
+    There is one error for the gradient with respect to colour and one for that with respect to
+    corners. The scene is one triangle that covers about half of the canvas. Errors are relative to
+    the norm of the true gradient, which is known in closed form for exact area, and from NumPy for
+    soft coverage. For hard samples, the true gradient with respect to colour is a count of samples,
+    and that with respect to corners comes from the package in float64.
     """
     corners = np.array([(9.25, 21.5), (711.75, 84.25), (301.5, 705.25)])
     color, background = np.array([[0.8, 0.1, 0.3]]), np.ones(3)

@@ -1,6 +1,6 @@
 """An oracle for translucent layers: every triangle composited at every sample, in float64.
 
-It is written in JAX, so that autodiff gives gradients by the colours.
+It is written in JAX, so that autodiff gives gradients with respect to the colours.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
-"""An oracle for the derivatives of the box-filtered image by vertex positions, by quadrature.
+"""An oracle for the derivatives of the box-filtered image with respect to vertex positions.
 
-It uses float64 NumPy and shares no code with the package. The derivative of a weighted sum of
-pixels has two terms:
+It uses quadrature in float64 NumPy and shares no code with the package. By Reynolds' transport
+theorem, the derivative of a weighted sum of pixels has two terms:
 
 - The boundary term is an integral along every edge. The integrand is the pixel's weight, times the
   jump of the composited colour across the edge, times the speed of the edge along its normal.
@@ -119,7 +119,7 @@ def _area_term(flat: Flat, weights: np.ndarray, rate: int) -> np.ndarray:
     weight_at = weights[y.astype(int), x.astype(int)] / rate**2
     gradient, step = np.zeros(flat.corners.shape), 1e-6
     for entry in np.ndindex(*flat.corners.shape):
-        # Under fixed coverage, a triangle changes the colours of the points inside it alone.
+        # Under fixed coverage, moving a corner changes colours only at points in its triangle.
         near = inside[entry[0]]
         values = []
         for sign in (1, -1):

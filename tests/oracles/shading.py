@@ -137,9 +137,9 @@ class SnappedSoup:
         return color, margin
 
     def projected_weights(self, index: int, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Perspective-correct weights `[points, 3]`, and their gradients by x and y in pixels.
+        """Perspective-correct weights `[points, 3]`, and their derivatives along x and y.
 
-        The gradients are `[points, 3, 2]`.
+        The derivatives are `[points, 3, 2]`, per pixel.
         """
         gradients = np.broadcast_to(_weight_gradients(self.pixels[index]), (len(weights), 3, 2))
         if self.soup.inverse_w is None:
@@ -155,7 +155,7 @@ class SnappedSoup:
 
 
 def _weight_gradients(corners: np.ndarray) -> np.ndarray:
-    """Gradient of each corner's weight by x and y in pixels, `[3, 2]`; 0 without area."""
+    """Derivatives of each corner's weight along x and y in pixels, `[3, 2]`; 0 without area."""
     matrix = np.concatenate([corners, np.ones((3, 1))], axis=1).T
     x, y = corners.T
     if (x[1] - x[0]) * (y[2] - y[0]) == (x[2] - x[0]) * (y[1] - y[0]):
@@ -177,7 +177,7 @@ def depth_test(
         return [covered.inside for covered in footprints], margin
     passes = []
     for covered, depth in zip(footprints, np.asarray(soup.depth, np.float64), strict=True):
-        # Interpolating differences gives a triangle of constant depth exactly this depth.
+        # Adding interpolated differences to the depth of one corner leaves a constant depth exact.
         value = depth[0] + covered.weights @ (depth - depth[0])
         buffer, least_difference = (
             array[covered.rows, covered.columns] for array in (depth_buffer, margin)

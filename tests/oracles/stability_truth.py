@@ -1,9 +1,9 @@
 """An oracle for soft coverage, exact area, the images they give, and all derivatives.
 
-It uses float64 NumPy and shares no code with the package. The derivative of coverage by a corner is
-a central difference, over a step far below every length in the scene. The image is multilinear in
-coverages and colours. Its other derivatives therefore follow in closed form from the transmittance
-in front of a triangle and the colour behind it.
+It uses float64 NumPy and shares no code with the package. The derivative of coverage with respect
+to a corner is a central difference, over a step far below every length in the scene. The image is
+multilinear in coverages and colours, so its derivatives with respect to them follow in closed form
+from the transmittance in front of a triangle and the colour behind it.
 """
 
 import math
@@ -104,7 +104,7 @@ def area(height: int, width: int) -> Coverage:
 
 
 def derivatives(cover: Coverage, corners: np.ndarray, step: float) -> np.ndarray:
-    """Central differences of coverage by each coordinate, `[3, 2, height, width]`."""
+    """Central differences of coverage for each coordinate, `[3, 2, height, width]`."""
     differences = []
     for k, axis in np.ndindex(3, 2):
         change = np.zeros((3, 2))
@@ -157,14 +157,17 @@ def jumps_nearby(
 
 
 class Jacobian(NamedTuple):
-    """An image, and its derivatives by the inputs of a scene of n flat triangles.
+    """An image, and its derivatives with respect to the inputs of a scene of n flat triangles.
 
     - `image`: `[height, width, 3]`.
-    - `corners`: by each coordinate of each corner, `[n, 3, 2, height, width, 3]`.
-    - `color`: of each channel by the same channel of a triangle's colour, `[n, height, width]`.
-    - `alpha`: by each triangle's alpha, `[n, height, width, 3]`.
-    - `background`: of each channel by the same channel of the background, `[height, width]`.
-    - `is_unknown`: pixels whose derivative by corners is not known, `[height, width]`.
+    - `corners`: derivative for each coordinate of each corner, `[n, 3, 2, height, width, 3]`.
+    - `color`: derivative of each channel with respect to the same channel of a triangle's colour,
+      `[n, height, width]`.
+    - `alpha`: derivative with respect to each triangle's alpha, `[n, height, width, 3]`.
+    - `background`: derivative of each channel with respect to the same channel of the background,
+      `[height, width]`.
+    - `is_unknown`: pixels whose derivative with respect to corners is not known,
+      `[height, width]`.
     """
 
     image: np.ndarray
@@ -184,7 +187,7 @@ class Jacobian(NamedTuple):
         return total + self.background[..., None] * background
 
     def backward(self, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """J^T w, by corners, RGBA and background, for image weights `[height, width, 3]`."""
+        """J^T w for corners, RGBA and background, given image weights w `[height, width, 3]`."""
         corners = np.einsum("nkahwc,hwc->nka", self.corners, weight)
         color = np.einsum("nhw,hwc->nc", self.color, weight)
         alpha = np.einsum("nhwc,hwc->n", self.alpha, weight)

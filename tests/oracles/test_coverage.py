@@ -82,7 +82,7 @@ def test_weights_by_hand():
 
 
 def _brute_force(corners, canvas: Canvas) -> np.ndarray:
-    """The covered samples, in exact fractions of pixels and by other formulas than the oracle's."""
+    """The covered samples, from exact fractions and formulas that differ from the oracle's."""
     scale = 2**canvas.exponent
     moved = [
         [Fraction(float(v)) - o for v, o in zip(p, canvas.origin, strict=True)] for p in corners

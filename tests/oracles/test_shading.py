@@ -64,7 +64,7 @@ def test_borders_by_hand():
 
 
 def test_levels_by_hand():
-    """Two texels per pixel select level 1; a bias shifts the level, within the levels there are."""
+    """Two texels per pixel select level 1; a bias shifts the level up to the first or last one."""
     image = np.random.default_rng(0).random((16, 16, 3))
     levels = chain(image)
     step = np.diag([1 / 8, 1 / 16])

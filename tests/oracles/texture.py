@@ -1,7 +1,8 @@
 """An oracle for texture lookups, written from the definitions in float64 NumPy.
 
 It shares no code with the package. Texels are premultiplied RGBA. Points have texture coordinates
-`uv` `[points, 2]` and Jacobians `[points, 2, 2]`, the derivatives of (u, v) by (x, y) in pixels.
+`uv` `[points, 2]` and Jacobians `[points, 2, 2]`, the derivatives of (u, v) with respect to (x, y)
+in pixels.
 """
 
 from dataclasses import dataclass
@@ -70,7 +71,7 @@ def sample(
     """
     height, width = levels[0].shape[:2]
     size = np.array([width, height], np.float64)
-    # The derivative of (u W, v H) by (x, y), in texels of the finest level.
+    # The derivative of (u W, v H) with respect to (x, y), in texels of the finest level.
     footprint = jacobian * size[:, None]
     if sampler.anisotropy == 1:
         axis, probes = np.zeros_like(uv), np.ones(len(uv))
@@ -124,7 +125,7 @@ def _between_levels(
     fine, fine_margin = _on_level(levels, uv, lower, sampler)
     coarse, coarse_margin = _on_level(levels, uv, np.minimum(lower + 1, last), sampler)
     fraction = (level - lower)[:, None]
-    # Jumps of a level that has zero weight do not show.
+    # A jump within a level of zero weight does not change the result.
     coarse_margin = np.where(fraction[:, 0] > 0, coarse_margin, np.inf)
     return (1 - fraction) * fine + fraction * coarse, np.minimum(fine_margin, coarse_margin)
 
@@ -132,7 +133,7 @@ def _between_levels(
 def _on_level(
     levels: list[np.ndarray], uv: np.ndarray, level: np.ndarray, sampler: Sampler
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Texel and margin of each point on its own level, an integer."""
+    """Texel and margin of each point, read from one level per point, an integer."""
     texel, margin = np.zeros((len(uv), 4)), np.full(len(uv), np.inf)
     for index in np.unique(level):
         chosen = level == index
