@@ -1,8 +1,8 @@
-"""What derivatives must satisfy, for each coverage option and each of its inputs.
+"""Derivatives satisfy the same contract for each coverage option and each of its inputs.
 
 The jvp and the vjp agree, every number is finite, `jit` changes nothing, and derivatives that must
-be zero are exactly zero. The options are listed in `cases/modes.py`. Batches are tested in
-`test_transformations.py`.
+be zero are exactly zero. The options are listed in `cases/modes.py`. `test_transformations.py`
+tests derivatives of batches.
 """
 
 import functools
@@ -60,7 +60,7 @@ class Derivatives(NamedTuple):
     products: Products
 
     def by_input(self, name: str, mode: str) -> tuple[Any, Any, Any]:
-        """An input's direction, the image's tangent along it, and the gradient by that input."""
+        """One input's direction, the image's tangent along it, and the gradient of the input."""
         index = MODES[mode].inputs.index(name)
         direction = jax.tree.map(lambda leaf: leaf[index], getattr(self.directions, name))
         return direction, self.products.tangents[index], getattr(self.products.gradient, name)
@@ -87,7 +87,7 @@ def derivatives_of(mode: str, dtype: type = np.float32) -> Derivatives:
 
 
 def assert_adjoint(derivatives: Derivatives, name: str, mode: str, tolerance: float) -> None:
-    """Assert that `w . J v` and `J^T w . v` agree, relative to the norms."""
+    """Assert that `w . J v` and `J^T w . v` agree, relative to the norms of `J^T w` and `v`."""
     direction, tangent, gradient = derivatives.by_input(name, mode)
     norm = (inner(gradient, gradient) * inner(direction, direction)) ** 0.5
     assert abs(inner(derivatives.weight, tangent) - inner(gradient, direction)) <= tolerance * norm
@@ -137,7 +137,7 @@ def test_derivatives_by_what_cannot_matter_are_zero(mode, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["hard", "soft"])
 def test_jit_changes_nothing(mode):
-    """Nor does computing with `jax.jvp` and `jax.vjp` instead of `jax.linearize` change results."""
+    """`jax.jvp` and `jax.vjp` without `jit` agree with `jax.linearize` under `jit`."""
     derivatives = derivatives_of(mode)
     floats, rest = eqx.partition(derivatives.scene, eqx.is_inexact_array)
 

@@ -101,7 +101,7 @@ def inputs_to_trace() -> list[Any]:
 
 @pytest.mark.parametrize("mode, name", inputs_to_trace())
 def test_every_transformation_traces(mode, name):
-    """Only traced, not run: JAX refuses some nestings of derivatives and batches when tracing."""
+    """Tracing is enough here: it is when JAX refuses some nestings of derivatives and batches."""
     batch = batch_of(mode, name, np.float32)
     for compute, _ in TRANSFORMATIONS.values():
         jax.eval_shape(functools.partial(compute, batch.draw), batch.floats, batch.tangents)
@@ -131,7 +131,7 @@ def assert_batch_equals_loop(batch: Batch, names: Iterable[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", SIMPLEST)
 def test_transformations_equal_a_loop(mode, float64):
-    """Derivatives are by all floats of a scene at once, in a batch that is vectorised."""
+    """Derivatives are with respect to all floats of a scene at once, in a vectorised batch."""
     assert_batch_equals_loop(batch_of(mode), TRANSFORMATIONS)
 
 

@@ -1,4 +1,4 @@
-"""Interpolating colours while compositing gives the image of interpolating them before."""
+"""Interpolating corner colours during compositing gives the same image as doing so beforehand."""
 
 from dataclasses import replace
 

@@ -1,4 +1,8 @@
-"""Images and gradients of translucent layers equal dense compositing in float64."""
+"""Images and gradients of translucent layers equal dense compositing in float64.
+
+The oracle (`oracles/dense_layers.py`) composites every triangle at every sample, and leaves its
+gradient to autodiff.
+"""
 
 from dataclasses import replace
 
@@ -45,7 +49,7 @@ def test_image_and_gradient_by_colors_equal_the_dense_ones(count, corners):
 
 @pytest.mark.slow
 def test_a_batch_has_the_gradients_of_its_scenes():
-    """The scenes' lists of triangles differ in length, and in their number of segments."""
+    """The scenes differ in the length of their tile lists, and in the number of list segments."""
     count, side = 40, 128
     rng = np.random.default_rng(3)
     scenes = [

@@ -1,4 +1,9 @@
-"""Soft coverage and exact area of single triangles have the right values and derivatives."""
+"""Soft coverage and exact area of single triangles have the right values and derivatives.
+
+Values are compared with an oracle (`oracles/analytic.py`) that clips the triangle to each pixel, or
+measures the distance from its centre, in float64. Derivatives are compared with central differences
+and with autodiff of a plain formula.
+"""
 
 import functools
 
@@ -128,8 +133,8 @@ def test_derivatives_equal_differences_of_the_value(kind, name, shape, float64):
     thin = shape in ("small", "sliver")
     if isinstance(name, int):
         if kind == "soft" and thin:
-            pytest.skip("slopes of weights are held in triangles thinner than a pixel")
-        # In pixels that the triangle does not reach, the centroid is clamped: they are left out.
+            pytest.skip("derivatives of weights are clamped in triangles thinner than a pixel")
+        # Pixels that the triangle does not reach are left out, since their centroid is clamped.
         if kind == "centroid":
             weight = jnp.where(cover("area", "", slot, width) > 1e-6, weight, 0.0)
 
@@ -154,7 +159,7 @@ def test_derivatives_equal_differences_of_the_value(kind, name, shape, float64):
 
 
 def signed_distance(slots, x, y):
-    """Signed distance in plain operations, to be differentiated by autodiff."""
+    """Signed distance from a triangle to (x, y), in plain operations that autodiff can follow."""
     corners = slots[:, 0].reshape(3, 2)
     point = jnp.stack([x, y])
     squares, inside = [], True
@@ -183,7 +188,7 @@ def test_derivatives_equal_those_of_plain_autodiff(shape, float64):
         return jnp.sum(weight * cover("soft", "logistic", slot, jnp.asarray(width))[0])
 
     np.testing.assert_allclose(jax.grad(ours)(slot), jax.grad(plain)(slot), rtol=1e-9, atol=1e-12)
-    # Second derivatives too, as the closed form is differentiated again.
+    # Second derivatives are compared too: there, JAX differentiates the closed form of the first.
     direction = jnp.asarray(np.random.default_rng(1).normal(size=(6, 1)))
     second_of_ours, second_of_plain = (
         jax.jvp(jax.grad(f), (slot,), (direction,))[1] for f in (ours, plain)
@@ -216,7 +221,7 @@ def test_weights_are_those_of_the_centroid(corners):
 @pytest.mark.parametrize("kind", ["soft", "area"])
 def test_far_corners_lose_no_digits(kind):
     rng = np.random.default_rng(0)
-    # Corners lie millions of pixels away, and their edges cross the tile.
+    # Corners lie millions of pixels away, and the edges between them cross the tile.
     x, y = rng.uniform(-5e6, 5e6, (2, 500))
     angle = rng.uniform(0, np.pi, 500)
     half_edge = np.stack([np.cos(angle), np.sin(angle)]) * 4e6
@@ -243,7 +248,8 @@ def test_an_edge_on_the_side_of_a_pixel_has_a_derivative(float64):
     def total(slot):
         return jnp.sum(cover("area", "", slot, jnp.zeros(())))
 
-    # The area is half of 3 x 3. The base shrinks at rate 1, and the height of 3 stays.
+    # The area is half of 3 x 3. The base shrinks by 1 per unit step and the height of 3 does not
+    # change, so the area changes by -3 / 2.
     assert float(total(slot)) == pytest.approx(4.5)
     assert float(jax.jvp(total, (slot,), (left,))[1]) == pytest.approx(-1.5)
 

@@ -21,7 +21,9 @@ def _plan(scene, on=ON) -> sr.Plan:
 
 
 def _coverage_of_each(*triangles) -> np.ndarray:
-    """The share of samples that each triangle covers in each pixel, `[triangles, height, width]`.
+    """The fraction of samples that each triangle covers in each pixel.
+
+    The result is `[triangles, height, width]`.
 
     Each triangle is drawn alone, in white over black.
     """
@@ -36,9 +38,9 @@ def _coverage_of_each(*triangles) -> np.ndarray:
 
 
 def _bounds(corners, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest share of covered samples in each pixel if edges err by `tolerance` px.
+    """Least and greatest fraction of covered samples per pixel if edges err by `tolerance` px.
 
-    They are computed in extended precision, as corners may be far away.
+    Both are computed in extended precision, because corners may be far away.
     """
     (x0, y0), (x1, y1), (x2, y2) = np.array(corners, np.float32).astype(np.longdouble)
     column = (np.arange(ON.width * ON.rate, dtype=np.longdouble) + 0.5) / ON.rate
@@ -114,7 +116,7 @@ def test_axis_aligned_edges_stay_exact():
 
 @pytest.mark.slow
 def test_a_fan_of_huge_triangles_covers_each_sample_once():
-    """Neighbours are clipped alike, so the fill rule `top_left` leaves no gap and no overlap."""
+    """Clipping moves a shared edge equally in both triangles, so it leaves no gap or overlap."""
     on = Canvas(21, 29, 4, "top_left")
     rng = np.random.default_rng(0)
     angles = np.sort(rng.uniform(0, 2 * np.pi, 24)) + 0.01

@@ -90,7 +90,7 @@ def _rectangle(left, top, right, bottom) -> list:
 
 @pytest.mark.parametrize("channels", [pytest.param(3, marks=pytest.mark.slow), 4])
 def test_at_equal_depth_the_later_triangle_wins_exactly(channels):
-    """Rectangles overlap at one constant depth, which mostly is no binary fraction."""
+    """Rectangles overlap at one constant depth that float32 mostly cannot represent exactly."""
     soup = soup_of(0, texels=None, depth=True, colors=(3, channels))
     corners, depth = np.array(soup.corners), np.array(soup.depth)
     rng = np.random.default_rng(0)
@@ -108,7 +108,10 @@ def test_at_equal_depth_the_later_triangle_wins_exactly(channels):
 
 
 def test_of_a_triangle_drawn_twice_the_later_wins():
-    """Two triangles with equal corners, in equal order, tie at all samples even if tilted."""
+    """Two triangles with equal corners in the same order have equal depths at all samples.
+
+    This is true even if they are tilted, so the later triangle is visible.
+    """
     soup = soup_of(4, texels=None, depth=True)
     fields = {}
     for name in ("corners", "depth"):

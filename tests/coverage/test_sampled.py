@@ -1,4 +1,8 @@
-"""Sampled coverage (`Hard`) equals the oracle in integers: not one pixel differs."""
+"""Sampled coverage (`Hard`) equals an oracle in exact integers, in every pixel.
+
+Coverage is decided exactly on both sides, so there is no tolerance: `assert_same_counts` requires
+every pixel to be the mean of the same samples.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -223,7 +227,7 @@ def test_alpha_one_is_opaque():
 
 @pytest.mark.slow
 def test_thin_and_long_keeps_its_colors():
-    """Slivers a million times longer than thick have their corner colours all along."""
+    """Slivers a million times as long as thick keep their corner colours along their length."""
     on = Canvas(8, 2048)
     thin = 2.0**-on.exponent
     y = 4.125
@@ -317,7 +321,7 @@ def test_float64_gives_the_same_image(fill_rule):
 def test_corner_colors_of_large_triangles_at_256_samples():
     """Sums of edge values near 2^31 over 256 samples overflow int32.
 
-    A float estimate must give the multiple of 2^32 that is lost.
+    A float estimate must recover the multiple of 2^32 that overflow drops.
     """
     on = Canvas(16, 16, rate=16)
     rng = np.random.default_rng(3)

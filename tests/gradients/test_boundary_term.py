@@ -1,4 +1,9 @@
-"""The gradient of the hard image by positions agrees with quadrature along edges."""
+"""The gradient of the hard image with respect to positions agrees with quadrature along edges.
+
+The oracle (`oracles/edges.py`) differentiates the box-filtered image: it integrates the jump of
+colour along every edge, in float64. The package takes the same integral at the samples next to the
+edge, so its error falls with the distance between samples, and the tolerances fall with it.
+"""
 
 from dataclasses import replace
 
@@ -44,7 +49,7 @@ def weights_of(scene: sr.Scene, seed: int = 1) -> np.ndarray:
 
 
 def weighted_sum(scene: sr.Scene, plan: sr.Plan, weights: np.ndarray):
-    """A function of the positions: the sum of the image times weights."""
+    """Return a function of the positions: the sum of the image times `weights`."""
     weights_of_dtype = jnp.asarray(weights, scene.positions.dtype)
 
     def total(positions):
@@ -83,6 +88,7 @@ def test_gradient_approaches_the_quadrature(kind, samples, least):
     weights = weights_of(scene)
     expected = edges.position_gradient(scene, weights)
     gradient = gradient_of(scene, plan, weights)
+    # The error of the norm is allowed to be 0.6 times the distance between samples, in pixels.
     assert cosine(gradient, expected) > least
     assert np.linalg.norm(gradient) == pytest.approx(
         np.linalg.norm(expected), rel=0.6 / samples**0.5
@@ -90,7 +96,7 @@ def test_gradient_approaches_the_quadrature(kind, samples, least):
 
 
 def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
-    """Two triangles, with a strip `width` pixels wide between them that shows a third."""
+    """A red and a blue triangle, between which a strip `width` pixels wide shows a green one."""
     corners = [
         [[-5, -5], [30, -4], [4, 40]],
         [[6.03, -3], [7.53, 20], [-12, 8]],
@@ -104,9 +110,9 @@ def scene_with_a_strip(width: float, *, depth: bool) -> sr.Scene:
 def distance_to_quadrature(
     scene: sr.Scene, samples: int, plan_for: list[sr.Scene] | None = None
 ) -> float:
-    """Relative error of the gradient: its distance to quadrature, over the norm of quadrature.
+    """Relative error of the gradient: its distance from the quadrature, over the latter's norm.
 
-    `plan_for`: scenes that share one plan, and so a program, with this scene.
+    `plan_for`: scenes that share one plan, and therefore one program, with this scene.
     """
     weights = np.ones((12, 12, 3)) * [1.0, 0.5, -0.3]
     plan = sr.plan(plan_for or scene, height=12, width=12, coverage=sr.Hard(samples))
@@ -129,7 +135,7 @@ def test_both_edges_of_a_thin_strip_equal_the_quadrature(samples, most, depth):
 @pytest.mark.parametrize("alpha", [None, slowly(0.6)])
 @pytest.mark.parametrize("inwards", [False, slowly(True)])
 def test_an_edge_between_border_and_first_sample_equals_the_quadrature(inwards, alpha, side):
-    """The edge is nearer to the border of the canvas than any sample is."""
+    """The edge crosses the canvas between its border and the first samples."""
     far = 24 if inwards == (side < 6) else -12
     corners = np.array([[[side, -3], [side + 0.02, 20], [far, 8]]], np.float32)
     color = [0.0, 1.0, 0.2] if alpha is None else [0.0, 1.0, 0.2, alpha]
@@ -260,7 +266,7 @@ def test_degenerate_triangles_have_finite_gradients():
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     gradient = np.asarray(gradient_of(scene, plan, weights_of(scene)))
     assert np.isfinite(gradient).all()
-    # A row of samples on each edge cannot give more.
+    # The gradient sums one row of samples for each edge, and no edge is longer than 18 pixels.
     assert np.abs(gradient).max() < 100
 
 
@@ -328,16 +334,18 @@ def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:
 @pytest.mark.parametrize("corners", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind, most", [slowly("pixel", 0.02), ("sliver", 0.1)])
 def test_thin_triangles_have_their_full_gradient(kind, most, corners):
-    """The gradient of triangles a pixel or a tenth of a pixel high equals quadrature on average.
+    """The gradient of triangles one or a tenth of a pixel high equals the quadrature on average.
 
-    It would be 0.85 and 0.47 times as large if an edge between two samples did not count unless one
-    of them lies in the triangle.
+    The asserted ratio is the slope of a least-squares fit of the gradient to the quadrature, over
+    many triangles. Noise of single triangles averages out in it, and a bias does not. The ratio
+    would be 0.85 and 0.47 if an edge that passes between two samples counted only where one of
+    these samples lies in the triangle.
     """
     scenes = [thin_triangles(seed, kind, corners) for seed in range(8)]
     plan = sr.plan(scenes, height=24, width=24, coverage=sr.Hard(16))
     product, square = 0.0, 0.0
     for seed, scene in enumerate(scenes):
-        # One weight for each square, so that only the change by its triangle is measured.
+        # All pixels of a square have one weight, so only the total change of each square counts.
         rng = np.random.default_rng(seed)
         weights = rng.normal(size=(3, 3, 3)).repeat(8, 0).repeat(8, 1).astype(np.float32)
         gradient = np.asarray(gradient_of(scene, plan, weights), np.float64)
@@ -350,7 +358,10 @@ def test_thin_triangles_have_their_full_gradient(kind, most, corners):
     "corners, depth", [(1, False), *(pytest.param(*k, marks=SLOW) for k in [(3, False), (3, True)])]
 )
 def test_translucent_slivers_have_their_full_gradient(corners, depth):
-    """Most of these slivers lie between samples, and are visible at none."""
+    """Most of these slivers lie between samples, and are not visible at any sample.
+
+    The asserted ratio is that of `test_thin_triangles_have_their_full_gradient`.
+    """
     product, square = 0.0, 0.0
     scenes = []
     for seed in range(1, 5):

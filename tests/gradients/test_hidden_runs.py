@@ -1,4 +1,9 @@
-"""The runs of crossings that are dropped as hidden change no pixel, and many of the others do."""
+"""Runs of crossings that are dropped as hidden change no pixel, and many of those kept change one.
+
+A run is a few successive lines of samples that one edge crosses. A hidden run has no boundary term,
+so dropping it saves time. The tests compute the colour jumps of all runs, and compare the runs that
+have a jump with those that are kept.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +53,7 @@ def _soup(*, thin: bool, depth: bool = False) -> sr.Scene:
 
 
 def _crossings(scene: sr.Scene, samples: int):
-    """The edges of a scene, all runs, their crossings, its visible samples, and the shape."""
+    """The edges of a scene, all their runs and crossings, the visible samples, and the shape."""
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(samples))
     binned = bin_scene(scene, plan)
     projected = binned.projected

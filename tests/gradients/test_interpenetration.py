@@ -1,4 +1,9 @@
-"""Gradients where triangles cross in depth approach differences of an exact area image."""
+"""Gradients where triangles cross in depth approach differences of an exact area image.
+
+Where two triangles cross in depth, the line of intersection is a visible edge that moves with
+positions and depths. The oracle (`oracles/scanline.py`) integrates the visible colour along
+scanlines in float64, so its image changes smoothly and has central differences.
+"""
 
 from dataclasses import replace
 
@@ -42,7 +47,7 @@ def weights_of(seed: int = 5) -> np.ndarray:
 
 
 def exact_gradient(scene: sr.Scene, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Central differences of the weighted sum by positions and by depth."""
+    """Central differences of the weighted sum with respect to positions and to depth."""
     triangles = np.asarray(scene.triangles)
     given = np.asarray(scene.colors)
     colors = np.broadcast_to(given[..., :3], (len(triangles), 3, 3))
@@ -125,8 +130,8 @@ def test_gradient_approaches_differences_of_the_area_image(
             assert cosine(coarse_gradient, exact) > 0.95
             assert cosine(fine_gradient, exact) > 0.99
             assert distance(fine_gradient, exact) < 0.5 * distance(coarse_gradient, exact)
-            # A line of intersection loses up to a sample at each end. With layers, there are more
-            # lines and ends.
+            # Up to one sample is lost at each end of a line of intersection. Translucent triangles
+            # show more such lines, and so more ends.
             tolerance = 0.1 if translucent else 0.05
             norm = np.linalg.norm(exact)
             assert np.linalg.norm(fine_gradient) == pytest.approx(norm, rel=tolerance)
@@ -134,7 +139,7 @@ def test_gradient_approaches_differences_of_the_area_image(
 
 @pytest.mark.slow
 def test_jvp_vjp_and_both_precisions_agree(float64):
-    """The triangles are translucent; `test_contract.py` has opaque triangles that cross."""
+    """Tests translucent triangles; `test_contract.py` tests opaque ones that cross in depth."""
     scene = crossing_scene(3, corner_colors=True, translucent=True)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(16))
     total = weighted_sum(scene, plan, weights_of())
@@ -191,7 +196,11 @@ def test_without_crossings_the_gradient_by_depth_is_zero(translucent):
 @pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1.0, 0.5])
 def test_nearly_equal_planes_have_bounded_gradients(alpha):
-    """Gradients are bounded for two triangles in the same plane up to rounding."""
+    """Gradients stay bounded for two triangles that lie in the same plane up to rounding.
+
+    The line of intersection of two such planes is ill-conditioned: a tiny change of depth moves it
+    across the canvas.
+    """
     corners = np.array([[[1, 1], [11, 2], [5, 11]], [[2, 1], [10, 3], [4, 10.5]]], np.float32)
     colors = np.array([[[1, 0, 0, alpha]], [[0, 0, 1, alpha]]], np.float32)
     colors = colors[..., :3] if alpha == 1 else colors

@@ -1,4 +1,8 @@
-"""Runs contain every crossing of an edge and a line of samples once, and stay within tiles."""
+"""Runs contain every crossing of an edge with a line of samples once, and stay within one tile.
+
+A line of samples is a row or column of the sample grid. A run is a list entry for a few successive
+lines that one edge crosses.
+"""
 
 from collections import Counter
 
@@ -63,13 +67,14 @@ def test_runs_hold_every_line_of_an_edge_once_and_stay_within_tiles(samples):
         assert len(on_edge) <= LINES
         assert len(set(on_edge // tile_lines[run])) == 1
     assert set(lines_of_edge.values()) == {1}
-    # There is a crossing for every line of samples that an edge crosses on the canvas.
+    # There is a crossing for every line of samples that an edge crosses on the canvas. The oracle
+    # finds them in float64, and rounding may decide otherwise right at the border of the canvas.
     expected = _crossings_on_canvas(sides, first, count, plan.grid)
     assert abs(len(lines_of_edge) - expected) <= 0.002 * expected
 
 
 def _crossings_on_canvas(sides, first, count, grid) -> int:
-    """Number of crossings of edges and lines of samples on the canvas, from corners in float64."""
+    """Count the crossings of edges with lines of samples on the canvas, in float64."""
     start, end, steep = (np.asarray(entry, np.float64) for entry in (*sides[:2], sides.steep))
     total = 0
     for triangle in range(COUNT):
@@ -98,5 +103,5 @@ def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
     valid = np.asarray(crossings.valid)
     np.testing.assert_array_equal(np.asarray(tiles.of_samples(tiles.tile))[valid], tile[valid])
     np.testing.assert_array_equal(np.asarray(tiles.start), 10 * np.asarray(tiles.tile))
-    # The test is empty unless some runs lie in two tiles.
+    # The scene must have runs that lie in two tiles, or the test would check little.
     assert np.asarray(tiles.is_second).any()

@@ -1,4 +1,4 @@
-"""Batches of scenes equal loops: large, small and nested ones, with shared inputs, other plans."""
+"""Batches of scenes give the results of a loop, whether small, large, nested or sharing inputs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -66,7 +66,7 @@ def test_a_batch_of_batches_equals_a_loop(mode, size, float64):
 @pytest.mark.slow
 @pytest.mark.parametrize("mode, size", [("hard", SIZE), ("soft", LARGE)])
 def test_scenes_that_share_all_but_positions(mode, size, float64):
-    """The gradient by the shared inputs is the sum of the gradients of the single scenes."""
+    """The gradient with respect to shared inputs is the sum of the gradients of all scenes."""
     scenes, plan = scenes_and_plan(mode, size)
     moved = [replace(scenes[0], positions=scene.positions) for scene in scenes]
     axes = eqx.tree_at(

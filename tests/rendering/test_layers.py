@@ -57,7 +57,7 @@ CASES = [
 @pytest.mark.slow
 @pytest.mark.parametrize("coverage, effects", CASES)
 def test_composite_is_render(coverage, effects, float64):
-    """The image and the gradient by every float are equal, including hard mode's boundary term."""
+    """The image and the gradient for all floats are equal, including hard mode's boundary term."""
     scene = scene_of(**effects, dtype=np.float64)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
     np.testing.assert_allclose(draw_layers(scene, plan), sr.render(scene, plan), atol=1e-12)
@@ -97,7 +97,10 @@ def test_translucent_colours_show_what_an_opaque_scene_hides(float64):
 
 @pytest.mark.slow
 def test_an_array_of_layers_approaches_the_gradient_of_the_function():
-    """An array has colours at samples, half a sample off edges: more samples lower the error."""
+    """An array has colours only at samples, on average half a sample away from an edge.
+
+    Its gradient therefore has an error, which more samples reduce.
+    """
     scene = scene_of(alpha=True)
     thick = np.asarray(scene.positions).copy()
     thick[6:9] = [(3, 2), (9, 18), (14, 10)]
@@ -132,7 +135,10 @@ def test_fewer_layers_leave_out_the_deepest():
 
 @pytest.mark.slow
 def test_buffers_of_pixel_shading_are_those_of_render():
-    """`resolve` shades each pixel at the point where `render` does. Shading by sample differs."""
+    """`resolve` shades each pixel at the point where `render` does.
+
+    The image differs from one that is shaded at every sample, so the test can tell them apart.
+    """
     scene = scene_of(alpha=False)
     hard = sr.Hard(16, shading="pixel")
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=hard)
@@ -149,9 +155,9 @@ def test_buffers_of_pixel_shading_are_those_of_render():
 
 
 def test_a_shade_without_a_derivative_at_zero_weights_spoils_nothing():
-    """Gradients are finite although the norm of zero weights has no derivative.
+    """Gradients are finite although `shade` has no derivative at weights of zero.
 
-    `shade` gets the weights of a point in a triangle for background samples too.
+    `shade` is evaluated for background samples too, and must then not be given zero weights.
     """
     scene = replace(scene_of(alpha=False), inverse_w=None)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))

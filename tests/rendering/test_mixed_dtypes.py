@@ -1,4 +1,4 @@
-"""A scene whose arrays have both precisions is drawn in that of its positions."""
+"""A scene with arrays of both float32 and float64 is drawn in the precision of its positions."""
 
 from dataclasses import replace
 

@@ -53,7 +53,10 @@ def test_tangents_raise():
 
 @pytest.mark.parametrize("overflow", [False, True])
 def test_derivatives_are_nan_in_both_directions(overflow):
-    """Derivatives by all floats are NaN, for any pixel weights; without overflow no bit changes."""
+    """Derivatives with respect to all floats are NaN, whatever the weights of the pixels are.
+
+    Without overflow, the same plan changes no bit.
+    """
     leaves = [jnp.arange(6.0).reshape(3, 2), jnp.ones(4)]
 
     def image_of(leaves):
@@ -99,7 +102,7 @@ def complaints(monkeypatch):
 
 @pytest.mark.parametrize("name", ["vmap", pytest.param("grad of vmap", marks=pytest.mark.slow)])
 def test_a_batch_raises_one_error_once(name, complaints):
-    """Two of its three scenes outgrow the plan."""
+    """Two of the three scenes in the batch outgrow the plan."""
     small, large = small_and_large_scene()
     plan = sr.plan(small, height=SIDE, width=SIDE, coverage=sr.Hard(4))
 

@@ -1,4 +1,4 @@
-"""Images of any triangles equal the oracle's, and are consistent when moved, cropped, reordered."""
+"""Images of any triangles equal the oracle's, and moving, cropping or reordering is consistent."""
 
 import functools
 
@@ -26,7 +26,10 @@ BLACK = np.zeros(3, np.float32)
 
 
 def _coordinate(low: int, high: int) -> st.SearchStrategy[float]:
-    """Any floats, sixteenths (which include all samples at rates 4 and 8), and halves."""
+    """Strategy for coordinates: any floats, multiples of 1/16, and multiples of 1/2.
+
+    Multiples of 1/16 include all samples at rates 4 and 8.
+    """
     return st.one_of(
         st.floats(low, high, width=32, allow_subnormal=False),
         st.integers(low * 16, high * 16).map(lambda n: n / 16),
@@ -47,7 +50,10 @@ def _soup(margin: int, coordinate=_coordinate) -> st.SearchStrategy[np.ndarray]:
 
 
 def _sixteenths(low: int, high: int) -> st.SearchStrategy[float]:
-    """Sixteenths are exact on the vertex grid of any canvas here, even after moving by pixels."""
+    """Strategy for multiples of 1/16, which the vertex grids of all canvases here contain.
+
+    They stay on the grid when moved by whole pixels.
+    """
     return st.integers(low * 16, high * 16).map(lambda n: n / 16)
 
 

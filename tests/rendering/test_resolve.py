@@ -1,4 +1,8 @@
-"""`resolve` gives the image and gradient of `render` or of quadrature for values of the caller."""
+"""`resolve` gives the right image and gradient for a shading function of the caller.
+
+For the colours of a scene, both equal those of `render`. For masks, depth and a neural network, the
+gradient is compared with quadrature along edges (`oracles/edges.py`) and with finite differences.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -28,13 +32,14 @@ SIZE = 20
 
 
 def assert_close_gradients(gradient: sr.Scene, expected: sr.Scene, rtol: float = 5e-6) -> None:
-    """Assert that the gradients by all floats are close, relative to the largest of each field."""
+    """Assert that gradients are close in each field, relative to its largest gradient."""
     assert np.abs(expected.positions).max() > 0
     pairs = zip(
         jax.tree_util.tree_leaves_with_path(gradient), jax.tree.leaves(expected), strict=True
     )
     for (path, values), wanted in pairs:
-        # For the filter "nearest", the gradient by (u, v) is zero, and must be exactly zero.
+        # If an expected gradient is zero everywhere, so is the tolerance. This is so for (u, v)
+        # under the filter "nearest".
         atol = rtol * float(np.abs(wanted).max())
         name = jax.tree_util.keystr(path)
         np.testing.assert_allclose(values, wanted, atol=atol, err_msg=name)
@@ -54,7 +59,7 @@ EVERYTHING: dict[str, Any] = {"depth": True, "perspective": True}
     ],
 )
 def test_image_and_gradient_equal_those_of_render(options, sampler):
-    """All floats of the scene count. It has slivers, triangles on the border, and crossings."""
+    """The gradient is for all floats of scenes with slivers, border triangles and crossings."""
     soups = [with_slivers(soup_of(seed, **options), ON.height, ON.width) for seed in range(2)]
     plan = plan_of(scene_of(soups[0], sampler), ON, sampler)
     for soup in soups:
@@ -82,9 +87,10 @@ def plan_for_hard(scene: sr.Scene, samples: int = 16, **options: Any) -> sr.Plan
 
 @pytest.mark.slow
 def test_an_array_has_nearly_the_gradient_of_the_function():
-    """The gradients differ because an array has colours at samples, half a sample off an edge.
+    """An array has colours only at samples, and not on the edges, where a function is evaluated.
 
-    They also differ at the thin tips of triangles, which no sample shows.
+    The gradients therefore differ, by less with more samples. They also differ at the thin tips of
+    triangles, which are not visible at any sample.
     """
     corners = rectangles((3.3, 4.1, 14.2, 13.7), (8.6, 7.2, 16.9, 17.3))
     colors = np.random.default_rng(0).random((4, 3, 3))
@@ -137,7 +143,10 @@ def smooth_scene(seed: int = 0, dtype: type = np.float32, **optional: Any) -> sr
 
 
 def network_loss(scene: sr.Scene, plan: sr.Plan, weight: Any) -> Any:
-    """A function of positions and parameters: the weighted sum of an image by a neural network."""
+    """Return the weighted sum of an image that a neural network shades, as a function.
+
+    Its arguments are the positions and the parameters of the network.
+    """
 
     def loss(positions: Any, parameters: Any) -> Any:
         moved = replace(scene, positions=positions)
@@ -217,7 +226,8 @@ def test_gradient_of_masks_and_depth_images_equals_the_quadrature(value):
         return jnp.sum(weight * sr.resolve(sr.rasterize(moved, plan), value(moved), background))
 
     gradient, by_depth = jax.jit(jax.grad(loss, (0, 1)))(scene.positions, scene.depth)
-    # Quadrature needs depth for the order alone, so one depth for each triangle is enough.
+    # The oracle uses depth only to find the nearest triangle. No triangles cross, so one depth for
+    # each triangle is enough.
     untilted = replace(scene, depth=jnp.asarray(np.repeat(far, 3, 1).reshape(-1), jnp.float32))
 
     def shade(index: int, weights: np.ndarray) -> np.ndarray:
@@ -276,7 +286,10 @@ def test_derivatives_of_every_kind_agree(float64):
 
 @pytest.mark.slow
 def test_memory_of_forward_and_gradient_is_bounded():
-    """The three weights at all samples, 256 per pixel on 512 x 512 pixels, would take 0.8 GB."""
+    """Memory stays far below what storing many arrays over all samples would take.
+
+    Alone the three weights at 256 samples per pixel on 512 x 512 pixels would take 0.8 GB.
+    """
     soup = soup_of(0, texels=None, depth=True)
     scene = scene_of(replace(soup, corners=soup.corners * np.float32(18)))
     plan = sr.plan(scene, height=512, width=512, coverage=sr.Hard(256))

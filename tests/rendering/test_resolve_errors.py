@@ -1,4 +1,4 @@
-"""`resolve` refuses invalid arguments; a scene that exceeds its plan gives an error, or NaN."""
+"""`resolve` refuses invalid arguments, and gives an error or NaN if a scene exceeds its plan."""
 
 from dataclasses import replace
 from typing import Any

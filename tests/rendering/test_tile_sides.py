@@ -1,4 +1,4 @@
-"""Under `Soft` and `Area`, the scene decides the side of tiles, which changes no image."""
+"""Under `Soft` and `Area`, the side of tiles is chosen for the scene, and changes no image."""
 
 from dataclasses import replace
 

@@ -176,7 +176,7 @@ def far_soup(seed: int, on: Canvas, canvases: float) -> Soup:
 @pytest.mark.slow
 @pytest.mark.parametrize("capacity", ["scene", "worst_case"])
 def test_far_triangles_equal_the_oracle(capacity):
-    """With `capacity="worst_case"`, a plan made for another scene fits them."""
+    """With `capacity="worst_case"`, a plan made for another scene fits far triangles too."""
     soups = [far_soup(seed, ON, size) for seed, size in enumerate((3.0, 30.0, 300.0))]
     drawn = [scene_of(soup) for soup in soups]
     plan = sr.plan(

@@ -1,4 +1,4 @@
-"""Fragments, pairs of a triangle and a pixel that shows it, are counted on host and device."""
+"""Host and device count fragments alike: the pairs of a triangle and a pixel that shows it."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def _scene(seed: int, depth: bool, radius: float = 20.0) -> sr.Scene:
 
 
 def _expected(scene: sr.Scene, canvas: Canvas) -> int:
-    """The number of fragments, by painting triangle numbers at every sample, the nearest last."""
+    """Count fragments by painting triangle indices at every sample, the nearest triangle last."""
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     order = np.arange(COUNT)
     if scene.depth is not None:

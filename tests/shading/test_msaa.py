@@ -105,7 +105,8 @@ def test_equal_corner_colours_draw_flat_triangles():
 def test_corner_colours_are_not_extrapolated(seed):
     """With corner colours in 0.25..0.5, every pixel is within 0.25..0.5.
 
-    A colour taken at a pixel centre outside a sliver would not be, since its gradient is large.
+    A colour extrapolated to a pixel centre outside a sliver would leave this interval, because
+    colour changes steeply across a sliver.
     """
     rng = np.random.default_rng(seed)
     soup = soup_of(0, colors=(3, 3), texels=3)

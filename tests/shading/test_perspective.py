@@ -75,7 +75,7 @@ def test_scale_of_w_does_not_matter():
 def test_probes_do_not_change_an_untextured_scene():
     """Image and gradient do not depend on the number of probes.
 
-    Colours were once added up over the probes, so that three probes were three times as bright.
+    A bug once added colours up over the probes, so that three probes were three times as bright.
     """
     scene = scene_of(soup_of(10, texels=None, **EVERYTHING))
     results = []

@@ -37,7 +37,7 @@ def test_errors_are_within_those_stated(mode, name):
 @SLOW
 @pytest.mark.parametrize("mode", ["soft", "area"])
 def test_a_nan_corner_changes_no_other_triangles_gradient(mode):
-    """The other gradients have the same bits as if the triangle were off the canvas."""
+    """The gradients of other triangles have the same bits as if this one were off the canvas."""
     off_canvas = with_attributes()
     off_canvas.corners[NOT_FINITE] += 1e5
     weight = jnp.asarray(np.random.default_rng(9).normal(size=(SIZE, SIZE, 3)), jnp.float32)
@@ -49,6 +49,6 @@ def test_a_nan_corner_changes_no_other_triangles_gradient(mode):
     for name in ("positions", "colors", "uv", "inverse_w"):
         by_triangle = np.asarray(getattr(gradient, name)).reshape(COUNT, -1)
         assert not by_triangle[NOT_FINITE].any()
-        # A triangle without a texture has no gradient by uv.
+        # A triangle without a texture has no gradient with respect to uv.
         drawn = (np.arange(COUNT) != NOT_FINITE) & ((name != "uv") | (TEXTURE_INDEX >= 0))
         assert by_triangle[drawn].any(1).all()

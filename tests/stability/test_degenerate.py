@@ -1,4 +1,4 @@
-"""Derivatives of triangles without area: jvp equals vjp, with bounded and continuous values."""
+"""Derivatives of triangles without area are bounded and continuous, and jvp equals vjp."""
 
 import functools
 from typing import Any
@@ -42,7 +42,11 @@ SHADED_SUM = pytest.param("sum, shaded", marks=SLOW)
 
 @pytest.mark.parametrize("mode", ["soft logistic", "area", SHADED_SUM])
 def test_a_triangle_collapses_without_a_jump(mode):
-    """The derivatives in both orientations have one limit: that at the triangle without area."""
+    """Image and derivatives are continuous as a triangle of either orientation loses its area.
+
+    Differences are relative to the numbers of a triangle one pixel high, so that the limits below
+    hold for all scenes.
+    """
     for row in collapse(mode):
         assert row["value"] < 2e-5, row
         close = 0.03 if row["case"] == "by the origin" else 0.15
@@ -52,7 +56,11 @@ def test_a_triangle_collapses_without_a_jump(mode):
 
 
 def test_a_segment_has_a_gradient_at_its_ends_alone():
-    """The gradient is that of the distance to the segment, wherever its middle corner lies."""
+    """The gradient is that of the distance to the segment, which depends only on its ends.
+
+    The corner between the ends has almost no gradient, and moving this corner along the segment
+    hardly changes the gradients of the ends.
+    """
     coverage, effects = MODES["soft logistic"]
     scene, plan = scene_of(effects), plan_of(coverage, effects)
     (corners,) = corners_of_kind("third between", random=1)[-1:]
@@ -109,5 +117,5 @@ def test_jvp_equals_vjp_for_depth_and_colors_of_any_size(name, temperature):
     forward = float((tangent * weight).sum())
     assert forward == pytest.approx(backward, abs=1e-4 * float(np.abs(tangent * weight).sum()))
     if color == 1:
-        # However deep a triangle is, it cannot change a pixel more than by its colour.
+        # The depth of a triangle does not change how much its colour can change a pixel.
         assert np.abs(result.gradient.positions).max() < 100

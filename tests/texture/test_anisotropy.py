@@ -37,7 +37,8 @@ def test_probes_equal_the_oracle_in_float32(most):
     sampler = Sampler(anisotropy=most)
     for seed in (3, 4):
         soup = soup_of(seed)
-        # For a nearly circular footprint the major axis is not known, hence the large margin.
+        # Rounding decides the direction of the major axis of a nearly circular footprint, so pixels
+        # with such footprints are left out by a large margin.
         expected = draw(soup, ON, sampler)
         assert_close(render_soup(soup, ON, sampler), expected, 4e-6, f"{seed}", margin=2e-3)
 

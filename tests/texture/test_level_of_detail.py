@@ -63,7 +63,7 @@ def test_levels_under_perspective_equal_the_oracle(level, shading, float64):
 
 
 def test_constant_uv_select_level_zero_under_any_bias():
-    """The image is the same as with the first level alone."""
+    """Under any bias, the image is the same as with the first level alone."""
     soup = soup_of(13)
     soup = replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1))
     flat = draw(soup, ON, Sampler(level="zero"))
@@ -122,7 +122,10 @@ def test_derivatives_are_zero_for_one_texel_and_without_texture(dtype, float64):
 @pytest.mark.slow
 @DTYPES
 def test_derivatives_at_constant_uv_are_those_of_level_zero(dtype, float64):
-    """The level has derivative zero at constant uv, but the point in the texture moves."""
+    """At constant uv the level has derivative zero, but moving uv still moves the texture lookup.
+
+    The derivatives therefore equal those of a render that is biased to the first level.
+    """
     soup = soup_of(16)
     scene = scene_of(replace(soup, uv=np.repeat(soup.uv[:, :1], 3, axis=1)), dtype=dtype)
     plain = _derivatives(scene, _biased(plan_of(scene, ON, TRILINEAR), -30.0))

@@ -1,4 +1,4 @@
-"""Texture pyramids: all levels have the image's mean; table of offsets, memory, refused images."""
+"""All levels of a texture pyramid have the mean of the image, and are stored in one array."""
 
 from itertools import pairwise
 

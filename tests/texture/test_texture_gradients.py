@@ -1,4 +1,7 @@
-"""Derivatives of textured scenes equal differences, are adjoint, and are finite on hard scenes."""
+"""Derivatives of textured scenes equal differences, and are finite on hard scenes.
+
+The jvp and the vjp are adjoint: w . J v equals J^T w . v.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -42,10 +45,11 @@ def _drawn(soup, sampler: Sampler = PLAIN, shading: str = "sample", dtype: Any =
 
 @pytest.mark.parametrize("options, sampler, shading", EFFECTS)
 def test_derivatives_equal_differences_and_are_adjoint(options, sampler, shading, float64):
-    """The jvp is tested along a direction of each field and of all, the vjp by a dot product.
+    """The jvp equals central differences along a direction of each field, and of all fields.
 
-    Differences are wrong where a sample is within a step of a texel's centre or of a level, as the
-    derivative jumps there.
+    The vjp is tested by a dot product with the jvp. Where a sample is within a step of a texel's
+    centre or of a level, the derivative jumps and the difference is wrong. This is allowed in one
+    pixel of 200.
     """
     soup = soup_of(21, reach=1, **options)
     scene, plan = _drawn(soup, sampler, shading)
@@ -82,7 +86,10 @@ def test_tangent_by_the_bias_equals_differences(float64):
 
 @pytest.mark.slow
 def test_texels_of_every_level_have_a_gradient(float64):
-    """The image is linear in the texels: their gradient times the texels is the image's sum."""
+    """The image is linear in the texels, so its tangent along the texels is the image itself.
+
+    Likewise, the gradient of its sum times the texels is the sum.
+    """
     soup = soup_of(23, reach=3)
     white = replace(soup, colors=np.ones_like(soup.colors), background=np.zeros(3, np.float32))
     scene, plan = _drawn(replace(white, texture_index=np.full_like(white.texture_index, 4)))
@@ -141,7 +148,7 @@ def test_gradients_reach_the_base_images(float64):
 
 @pytest.mark.slow
 def test_gradients_through_build_and_render_equal_their_chain(float64):
-    """One vjp through building and rendering equals the product of two separate ones."""
+    """One vjp through building and rendering equals two separate vjps, one after the other."""
     soup = soup_of(24, reach=2, texels=4)
     scene, plan = _drawn(soup)
 
@@ -179,7 +186,7 @@ def test_a_batch_with_every_effect_equals_its_scenes():
 
 @pytest.mark.slow
 def test_derivatives_are_finite_on_hard_scenes():
-    """Scenes have no area, slivers, constant uv, single texels, alpha 0 and far corners."""
+    """Derivatives are finite for slivers and triangles without area, constant uv and alpha 0."""
     soup = soup_of(28, **ALL)
     corners, uv = np.array(soup.corners), np.array(soup.uv)
     corners[0:6, 2] = corners[0:6, 1]
@@ -211,7 +218,7 @@ def test_derivatives_are_finite_on_hard_scenes():
 
 
 def test_nan_uv_leave_other_gradients_finite(float64):
-    """With NaN in the uv of one triangle, gradients by other triangles' inputs are finite."""
+    """With NaN in the uv of one triangle, the gradients of other triangles' inputs are finite."""
     soup = soup_of(29)
     scene, plan = _drawn(soup)
     assert scene.uv is not None
