@@ -170,9 +170,9 @@ def test_no_modules_import_each_other_in_a_circle():
 
 
 TESTS_OF_EXPERIMENTS = {
-    # The script of the bundled scenes must still write the files that the package holds.
+    # The script of the bundled scenes must still write the files that the package contains.
     "scenes/test_scenes.py",
-    # The script of the bundled pictures must still make those that the package holds.
+    # The script of the bundled pictures must still make those that the package contains.
     "test_pictures.py",
 }
 """Tests that may import `experiments`: each runs a script through its public entry point."""

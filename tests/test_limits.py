@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-# The peak is read from `VmHWM`: `ru_maxrss` starts at the size of the process that forked.
+# The peak is read from `VmHWM`, because `ru_maxrss` starts at the size of the parent process.
 SCRIPT = """
 import re
 from pathlib import Path

@@ -1,11 +1,12 @@
-"""A scene pays only for effects that it has: an opaque flat scene neither blends nor interpolates.
+"""A program contains only the effects of its scene: opaque flat scenes do not blend or interpolate.
 
 The effects of a compiled program (texture, depth test, transmittance) are read from the scopes of
-its instructions. Its arithmetic is read from the traced program. There, values are marked if they
-derive from colours or from positions, from the inputs on. Blending multiplies two values that
-derive from colours (a colour and a transmittance). Interpolation multiplies a value that derives
-from colours by a value that derives from positions (a weight). A flat scene multiplies colours by
-counts of samples. These have no mark, because decisions such as coverage pass on no marks.
+its instructions. Its arithmetic is read from the traced program, in which every value that derives
+from colours or from positions is marked, beginning with the inputs. Blending multiplies two values
+that derive from colours (a colour and a transmittance). Interpolation multiplies a value that
+derives from colours by a value that derives from positions (a weight). A flat scene multiplies
+colours by counts of samples. Counts are not marked, because they derive from decisions (whether a
+sample is covered), and a decision passes on no marks.
 """
 
 from collections.abc import Iterator

@@ -26,7 +26,7 @@ def tiling_of(on: Canvas) -> Tiling:
 
 
 def list_pairs(corners: np.ndarray, on: Canvas, is_occluder: np.ndarray) -> Pairs:
-    """The pairs of triangles `corners` `[triangles, 3, 2]`, as a plan lists them on the host."""
+    """List the (triangle, tile) pairs for `corners` `[triangles, 3, 2]`, as a plan does."""
     projection = project(
         corners.reshape(-1, 2),
         np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3),
@@ -46,7 +46,7 @@ def list_pairs(corners: np.ndarray, on: Canvas, is_occluder: np.ndarray) -> Pair
 
 
 def table(pairs: Pairs, values: np.ndarray, on: Canvas) -> np.ndarray:
-    """A table `[COUNT, tiles]` of the pairs' `values`, false where there is no pair."""
+    """Scatter the `values` of the pairs into a table `[COUNT, tiles]`; false without a pair."""
     by_tile = np.zeros((COUNT, tiling_of(on).count + 1), bool)
     by_tile[pairs.triangle, pairs.tile] = values
     return by_tile[:, :-1]
@@ -73,8 +73,9 @@ def covered_samples(corners: np.ndarray, on: Canvas) -> tuple[np.ndarray, np.nda
 def has_area(corners: np.ndarray, on: Canvas) -> np.ndarray:
     """Whether each snapped triangle has area.
 
-    The edge functions of a point are 0 everywhere, so it may be listed as covering its tile. That
-    hides nothing, because a triangle without area is never an occluder.
+    The edge functions of a triangle that is a single point are 0 everywhere, so the plan may list
+    the triangle as covering its tile. The listed pair hides no other pair, because a triangle
+    without area is never an occluder.
     """
     first, second, third = np.moveaxis(snap(corners, on), 1, 0)
     (ax, ay), (bx, by) = (second - first).T, (third - first).T

@@ -21,7 +21,7 @@ BARYCENTRIC = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
 
 
 def project_white(vertices, triangles, *, view=EYE, projection=None, size=(60, 80), **rest) -> Any:
-    """The projected scene; by default white, at 90 degrees, with the near plane at z = -1."""
+    """Project white triangles, by default seen at 90 degrees with the near plane at z = -1."""
     height, width = size
     if projection is None:
         projection = perspective(90.0, width / height, 1.0, 9.0)
@@ -33,7 +33,10 @@ def project_white(vertices, triangles, *, view=EYE, projection=None, size=(60, 8
 
 
 def traceable(triangles) -> dict:
-    """Options that make uv the barycentric weights, and texture indices the triangle numbers."""
+    """Options of `project` that trace each clipped corner back to its original triangle.
+
+    The texture coordinates are barycentric weights, and texture indices are triangle indices.
+    """
     count = len(triangles)
     return {
         "uv": np.broadcast_to(BARYCENTRIC, (count, 3, 2)),
@@ -279,7 +282,10 @@ class TestNearPlane:
         st.data(),
     )
     def test_clipped_triangles_are_what_lies_in_front(self, vertices, data):
-        """Clipped triangles have the positions, attributes and areas of the part in front."""
+        """Clipped triangles are the part of each triangle in front of the near plane.
+
+        They have the positions, attributes and areas of this part.
+        """
         corner = st.integers(0, len(vertices) - 1)
         triangles = data.draw(st.lists(st.tuples(corner, corner, corner), min_size=1, max_size=5))
         colors = np.random.default_rng(0).random((len(triangles), 3, 4))

@@ -1,4 +1,4 @@
-"""`softras2d fit --compare-in`: the line about the SVG in a browser, and what is refused."""
+"""`softras2d fit --compare-in` compares the SVG in a browser with the image, or is refused."""
 
 import re
 import tempfile

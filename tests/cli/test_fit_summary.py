@@ -1,4 +1,4 @@
-"""The last line of `softras2d fit` says why there are fewer triangles, and what helps."""
+"""The last line of `softras2d fit` says why triangles are missing, and which option helps."""
 
 from dataclasses import replace
 

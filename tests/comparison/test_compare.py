@@ -1,4 +1,7 @@
-"""`compare`: every measure equals a small formula; images with and without alpha, errors, table."""
+"""Every measure of `compare` equals a short formula, for images with and without alpha.
+
+Also its table, its picture of the differences, and its errors.
+"""
 
 import sys
 

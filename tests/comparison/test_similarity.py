@@ -1,4 +1,4 @@
-"""PSNR and SSIM, in NumPy and in JAX, equal loops written from their definitions."""
+"""PSNR and SSIM, in NumPy and in JAX, agree with their definitions."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,7 @@ from softras2d.comparison.similarity import psnr, ssim
 
 
 def ssim_by_hand(a, b) -> float:
-    """SSIM by its definition, window after window, in float64."""
+    """SSIM from its definition, one Gaussian window of 11 x 11 pixels at a time, in float64."""
     taps = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
     window = np.outer(taps, taps) / taps.sum() ** 2
     values = []

@@ -1,4 +1,4 @@
-"""The pictures that notebooks show for scenes, fits and visibility buffers."""
+"""Notebooks show scenes, fits and visibility buffers as pictures."""
 
 import base64
 import html

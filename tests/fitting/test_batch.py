@@ -99,7 +99,7 @@ def test_a_batch_for_seconds_ends():
 
 @pytest.mark.slow
 def test_scores_of_a_batch_share_a_program(count_compilations):
-    """The time that a fit reserves for scoring does not include a compilation."""
+    """All scores of a batch share a program, so the time for scoring includes no compilation."""
     with count_compilations() as compiled:
         sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
     drawn = [name for name in compiled.names if "render" in name]

@@ -63,7 +63,7 @@ def test_an_interrupted_fit_resumes_to_the_uninterrupted_result(family, tmp_path
     uninterrupted = sr.fit(TARGET, steps=100, **settings)
     first = sr.fit(TARGET, steps=100, report=interrupt, **settings)
     assert first.interrupted
-    # The fit ends with the chunk that contains step 50. Its chunks are those of the other fit.
+    # The fit ends with the chunk that contains step 50. Both fits have the same chunks.
     chunk_ends = [record.steps for record in first.history]
     assert chunk_ends == [record.steps for record in uninterrupted.history][: len(chunk_ends)]
     assert chunk_ends[-2] < 50 <= chunk_ends[-1]
@@ -155,7 +155,7 @@ OF_SEVERAL_ROWS = ("constant", "black", "noise")
     ],
 )
 def test_extreme_starts_give_no_nan(solver, target):
-    """Every target is fitted from every start that its size allows, in some 50 fits."""
+    """Every target is fitted from every start that its size allows, in about 50 fits."""
     image = EXTREME_TARGETS[target]
     starts = POINTS.values() if image.shape[:2] == (24, 24) else [None]
     for corners in starts:
@@ -342,7 +342,7 @@ def test_a_fit_without_steps_is_valid():
 
 @pytest.mark.slow
 def test_layers_start_from_a_delaunay_mesh():
-    """The tiling has least-squares colours, and so resembles the image from the first step on."""
+    """The start is a tiling in least-squares colours, which already resembles the image."""
     settings: dict[str, Any] = {"triangles": 60, "shading": "gouraud", "start": "delaunay"}
     result = sr.fit(TARGET, steps=0, **settings)
     assert 40 < result.scene.triangles.shape[0] <= 60

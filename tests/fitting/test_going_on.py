@@ -31,7 +31,7 @@ TARGET = blobs()
 
 
 def _plan_of_no_triangles(sizes: FitSizes, plan_of: Callable[..., Plan]) -> Plan:
-    """The plan of an empty scene, whose lists may be too short for the triangles of the fit."""
+    """The plan of an empty scene, whose lists are likely too short for the triangles of a fit."""
     empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
     return dataclasses.replace(plan_of(sizes, [empty]), lists_all=False)
 
@@ -85,7 +85,10 @@ def test_a_batch_that_exceeds_its_plans_makes_others(plans_too_small):
 
 @pytest.mark.slow
 def test_a_larger_plan_holds_frozen_triangles_of_every_picture(plans_too_small):
-    """Frozen triangles of the second picture lie in one tile, those of the first are spread."""
+    """The new plan has capacity for the frozen triangles of both pictures of a batch.
+
+    Those of the second picture all lie in one tile, and those of the first are spread out.
+    """
     count = 600
     rng = np.random.default_rng(0)
     triangle, colors = rng.normal(size=(count, 3, 2)), rng.random((count, 3))

@@ -92,7 +92,10 @@ def test_colors_in_closed_form_are_those_of_least_squares():
 @pytest.mark.slow
 @pytest.mark.parametrize("light", ["display", "linear"])
 def test_closed_form_colors_of_layers_minimize_the_error(light):
-    """If all colours are within 0..1, the gradient of the squared error by each colour is zero."""
+    """If all colours are within 0..1, the gradient of the squared error is zero for every colour.
+
+    It is compared with the gradient at the initial colours, which sets its scale.
+    """
     target = 0.5 + 0.3 * (blobs() - 0.5)
     corners = np.array([[[4, 4], [30, 6], [8, 34]], [[20, 10], [44, 12], [30, 38]]], np.float32)
     y = LayersUnknowns(jnp.asarray(corners / POSITION_UNIT), jnp.full((2, 3, 3), 0.5), None)

@@ -104,7 +104,8 @@ def test_predicted_gain_of_a_split_is_the_drop_with_other_colours_fixed():
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         check_tiling(finer)
-        # The new vertex is the last. Its hat function is an image: colour 1 at it, 0 at all others.
+        # The new vertex is the last one. Its hat function is the image of a mesh with colour 1 at
+        # this vertex and 0 at all others.
         hat = draw(finer, np.eye(13)[:, 12:])
         residual = target.image - draw(mesh, old)
         drop = ((hat * residual).sum((0, 1)) ** 2).sum() / ((hat**2).sum() + 0.1)
@@ -120,7 +121,8 @@ def test_predicted_gain_is_the_drop_where_triangles_are_on_their_own(model):
     for number in range(len(splits.gain)):
         finer = split(mesh, splits, np.array([number]))
         drops.append(before - _error(finer, target, model))
-    # If a new vertex lies on a pixel centre, any triangle at it may contain that pixel.
+    # If the new vertex lies on a pixel centre, any of the triangles around it may contain the
+    # pixel, and the prediction may assign the pixel to another triangle than the drawing does.
     close = np.isclose(splits.gain, drops, atol=2e-3)
     assert close.mean() > 0.7
     np.testing.assert_allclose(splits.gain, drops, atol=1.0)

@@ -1,4 +1,7 @@
-"""Predicted gains and costs of triangles equal the errors of images drawn one by one."""
+"""Predicted gains and costs of triangles equal changes of the error of an image.
+
+The oracle draws the image with and without each triangle, in NumPy, and subtracts the errors.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +22,7 @@ RNG = np.random.default_rng(5)
 
 
 def inside(corners):
-    """Whether a triangle contains each pixel centre, and the barycentric weights at each."""
+    """Whether a triangle contains each pixel centre, and the barycentric weights there."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     (ax, ay), (bx, by), (cx, cy) = corners
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

@@ -58,9 +58,9 @@ def test_every_triangle_has_a_color_of_the_palette(settings, tmp_path):
 
 @pytest.mark.slow
 def test_a_palette_found_during_a_fit_is_better_than_after_it():
-    """The fit is compared with a free fit, whose colours are then replaced from a palette.
+    """Fitting with a palette is better than fitting freely and then replacing the colours.
 
-    That palette is the best one for the pixels of the free fit.
+    The palette that replaces the colours of the free fit is the best one for its pixels.
     """
     settings: dict[str, Any] = {"triangles": 60, "steps": 400}
     free = sr.fit(TARGET, **settings)

@@ -74,9 +74,9 @@ def test_coverage_equals_the_oracle_up_to_a_thousand_canvases_away():
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_numbers_stay_finite_and_bounded(mode):
-    """The image, gradient and jvp are finite. The gradient is bounded by the length of the canvas.
+    """The image, gradient and jvp are finite, and the gradient is bounded by the canvas size.
 
-    A vertex moves at most one edge across the canvas, along which pixels change.
+    A vertex moves its edges, and only pixels along the part of these edges on the canvas change.
     """
     rng = np.random.default_rng(12)
     colors = rng.random((COUNT, 3, 3))
@@ -104,6 +104,6 @@ def test_numbers_stay_finite_and_bounded(mode):
         for value in (drawn, tangent, gradient):
             assert np.isfinite(value).all(), corners.tolist()
         assert np.abs(drawn).max() <= COUNT + 1
-        # A soft edge one thousandth of a pixel wide rises by 1 within that.
+        # The coverage of a soft edge one thousandth of a pixel wide rises by 1 within this width.
         steepest = 1e3 if mode == "softras" else 10.0
         assert np.abs(gradient).max() <= 10 * SIDE * steepest, corners.tolist()

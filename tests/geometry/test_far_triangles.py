@@ -1,6 +1,7 @@
 """Triangles up to hundreds of canvases in size equal an oracle that needs no guard band.
 
-The oracle rounds corners to the same grid, and decides in Python's integers, which never overflow.
+The oracle rounds corners to the grid of the package, and decides coverage in Python's integers,
+which never overflow.
 """
 
 from dataclasses import replace
@@ -52,7 +53,11 @@ def far_soup(seed: int, on: Canvas, **effects: Any) -> Soup:
 
 @pytest.mark.parametrize("far", [0, 1, 40])
 def test_few_far_triangles_are_cut_like_all(far):
-    """The host clips only the triangles past the guard band; the device clips all, and selects."""
+    """Host and device project alike, whether none, one or all triangles reach past the guard band.
+
+    The host clips only the triangles that do. The device clips every triangle, and selects for each
+    one the result that it needs.
+    """
     on, rng = Canvas(24, 31, 2), np.random.default_rng(far)
     corners = rng.uniform(0, 24, (40, 3, 2)).astype(np.float32)
     for index in rng.permutation(40)[:far]:
@@ -78,7 +83,7 @@ def test_few_far_triangles_are_cut_like_all(far):
 
 @pytest.mark.parametrize("origin", [(0, 0), (-377, 261)])
 def test_coverage_orientation_and_weights_equal_the_oracle(origin):
-    """The projection runs in NumPy on the host, as for a plan, with the functions of a render."""
+    """The projection runs in NumPy on the host, by the same functions as in a render."""
     rng = np.random.default_rng(7)
     uncertain = 0
     for _ in range(120):
@@ -138,7 +143,7 @@ def test_images_with_every_effect_equal_the_oracle(name):
     assert "guard band" in plan.effects
     for soup, scene in zip(soups, scenes, strict=True):
         drawn = draw(soup, on, anywhere=True)
-        # Rounding decides where two depths, or two levels of a texture, are nearly equal.
+        # Pixels are left out where rounding decides between two depths or levels of a texture.
         certain = drawn.certain(1e-3, 1e-3)
         assert certain.mean() > 0.5
         image = np.asarray(sr.render(scene, plan))
@@ -238,8 +243,8 @@ def test_gradients_of_far_and_nearly_flat_edges_are_bounded():
         return jnp.sum(sr.render(replace(made[0], positions=positions), plan) ** 2)
 
     gradient_of = jax.jit(jax.grad(loss))
-    # A far corner moves the part of an edge on the canvas only a little, and this part is no longer
-    # than the canvas.
+    # Moving a far corner moves the part of its edge on the canvas only a little, and this part is
+    # no longer than the canvas. The gradient is therefore bounded.
     for scene in made:
         gradient = np.asarray(gradient_of(scene.positions))
         assert np.isfinite(gradient).all()

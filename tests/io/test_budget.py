@@ -55,7 +55,10 @@ def test_pairs_of_overlapping_boxes_equal_brute_force(count, monkeypatch):
 
 
 def test_crossings_are_counted_by_their_edges():
-    """Every edge of one direction crosses every edge of the other; shared ends do not count."""
+    """Every edge in one direction crosses every edge in the other direction.
+
+    Edges that only share an end point do not count as crossing.
+    """
 
     class Count(Budget):
         def charge(self, kind: str, count: int, index: int = 0) -> None:

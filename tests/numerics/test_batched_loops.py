@@ -1,4 +1,7 @@
-"""In a batch, loops and branches take the same steps for all elements, with the right results."""
+"""In a batch, loops and branches take the same steps for all elements, with the right results.
+
+Elements that need fewer steps must not be changed by the further ones.
+"""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""A function applied block by block gives what the function gives at once."""
+"""A function applied block by block gives the same result as applied to all entries at once."""
 
 import jax
 import jax.numpy as jnp

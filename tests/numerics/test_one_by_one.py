@@ -1,4 +1,4 @@
-"""A function that a batch runs element by element gives the same under every transformation."""
+"""A function that a batch runs element by element is right under every transformation of JAX."""
 
 import jax
 import jax.numpy as jnp
@@ -151,7 +151,10 @@ def test_a_gradient_of_a_batch_outside_jit_equals_a_loop():
 
 
 def test_the_gradient_of_a_batch_stores_no_intermediate_arrays():
-    """The backward pass stores only the inputs, to compute an element again, and no sines."""
+    """Only inputs are stored for the backward pass, which computes each element again.
+
+    Plain reverse mode would also store the result of every sine.
+    """
 
     def deep(x):
         for _ in range(5):

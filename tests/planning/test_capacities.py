@@ -1,4 +1,4 @@
-"""A scene that exceeds the capacities of its plan is reported; options enlarge the capacities."""
+"""A render reports a scene that exceeds the capacities of its plan; options enlarge them."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_overflow_stops_eager_render():
 
 
 def test_overflow_stops_a_traced_render():
-    """The last line of the error is the one line of an eager render."""
+    """The last line of the error is the message that an eager render gives."""
     plan = _plan_large(random_scene())
     with pytest.raises(Exception, match="plan") as raised:
         jax.jit(sr.render)(_crowded(), plan).block_until_ready()

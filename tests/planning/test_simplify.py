@@ -133,7 +133,7 @@ def _squares(scale: float, inverse_w: bool = False) -> sr.Scene:
     ],
 )
 def test_mip_levels_are_dropped_exactly_where_none_is_visible(rule, bias):
-    """Whether levels are visible is found by brute force: by drawing with and without them."""
+    """Brute force decides whether levels are visible: the scene is drawn with and without them."""
     scales = [0.5, 0.7, 0.72, 0.99, 1.0, 1.01, 1.4, 1.42, 2.0]
     scenes = [_squares(scale) for scale in scales]
     size = {"height": HEIGHT, "width": HEIGHT, "coverage": sr.Hard(samples=1)}
@@ -189,7 +189,7 @@ def test_unused_textures_and_opaque_alpha_are_dropped():
 
 
 def _with_random_effects(seed: int) -> tuple[sr.Scene, sr.Filter]:
-    """A scene in which each effect is present at random, and then visible or not at random."""
+    """A scene in which chance decides for each effect whether it is present, and if so visible."""
     rng = np.random.default_rng(seed)
 
     def flip() -> bool:

@@ -111,7 +111,7 @@ def test_second_order_products_of_padding_are_zero(mode):
         draw = lambda x: jnp.sum(sr.render(replace(scene, positions=x), plan) ** 2)  # noqa: E731
         return jax.grad(draw)(positions)
 
-    # The direction moves the padding too, which must not matter either.
+    # The direction moves the padding too, which must not change the products.
     step = jnp.ones_like(scene.positions)
     gradients, product = jax.jit(lambda x: jax.jvp(gradient, (x,), (step,)))(scene.positions)
     assert np.isfinite(gradients).all() and np.isfinite(product).all()

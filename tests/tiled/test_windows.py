@@ -1,4 +1,4 @@
-"""Each window of a canvas lists the triangles whose box it meets, without compiling."""
+"""Each window of a canvas lists the triangles whose bounding box it meets, without compiling."""
 
 from typing import Any
 

@@ -1,4 +1,8 @@
-"""The exact value of a pixel is close to the mean over a fine grid of points."""
+"""The exact value of a pixel is close to the mean over a fine grid of points.
+
+The mean over a grid of `POINTS` x `POINTS` points errs along every edge, by a fraction of
+1 / `POINTS`, which the tolerance allows.
+"""
 
 import numpy as np
 import pytest

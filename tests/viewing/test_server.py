@@ -1,4 +1,4 @@
-"""The server refuses what does not come from its own page, and reads only the files it serves."""
+"""The server refuses requests that are not from its page, and reads only the files it serves."""
 
 import http.client
 import json

@@ -66,7 +66,7 @@ def test_memory_does_not_grow_with_the_views():
     session = small_session()
 
     def look(steps: range) -> int:
-        """The bytes of memory in use after drawing some views, which the caller does not keep."""
+        """The bytes of memory in use after drawing some views and discarding them."""
         for step in steps:
             view = VIEW | {"x": step % 7, "y": step % 5, "zoom": 1.5 * 1.01 ** (step % 9)}
             (reply,) = ask(session, "picture", view=view)

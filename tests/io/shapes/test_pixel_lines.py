@@ -143,8 +143,8 @@ def test_endless_lines_are_not_stepped_from_end_to_end():
     of_short, of_endless = (
         count_calls(lambda lines=lines: pixel_lines(lines, 64, 64)) for lines in (short, endless)
     )
-    # A line without end takes some 60 times as many calls. A call for each pixel would be a million
-    # times as many.
+    # A line without end takes about 60 times as many calls as a short one. One call for each pixel
+    # would be a million times as many.
     assert of_endless < 200 * of_short
     rectangles, _ = pixel_lines(endless, 64, 64)
     assert (rectangles >= 0).all() and (rectangles <= 64).all()

@@ -1,4 +1,8 @@
-"""Triangulated polygons have their areas, by hand and by GEOS; ear clipping is the course's."""
+"""Triangulated polygons have the right areas, and the course's ear clipping is reproduced.
+
+Areas are worked by hand or computed by the library GEOS. Ear clipping is compared with a slow
+version that follows the course step by step.
+"""
 
 import numpy as np
 import pytest
@@ -163,7 +167,8 @@ def ears(points):
 
 
 def test_course_ears_by_hand():
-    # A contour of positive area keeps its order. The first candidate is (last, first, second).
+    # A contour of positive area keeps its order. The first candidate for an ear is the triangle
+    # (last, first, second).
     assert ears(SQUARE) == [[3, 0, 1], [1, 2, 3]]
     # A contour of negative area is reversed, so vertex 3 becomes the first.
     assert ears(SQUARE[::-1]) == [[0, 3, 2], [2, 1, 0]]

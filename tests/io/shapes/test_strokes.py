@@ -1,4 +1,4 @@
-"""Strokes have their areas, by hand, and equal buffers by GEOS."""
+"""Strokes have areas that are worked by hand, and equal the buffers that GEOS computes."""
 
 import numpy as np
 import pytest

@@ -72,7 +72,7 @@ def test_children_of_clip_paths_have_conditions():
     ],
 )
 def test_the_transform_of_the_root_is_that_of_a_box_of_css(attributes, points):
-    """The transform is about the root's centre by default, and in px, not in viewBox units."""
+    """By default, the root is transformed about its centre, in px and not in viewBox units."""
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="100" height="100" {attributes}>'
     scene = parse_svg(f'{head}<rect width="10" height="10"/></svg>')
     np.testing.assert_allclose(colors_at(scene, np.add(points, 0.01)), [BLACK, WHITE])

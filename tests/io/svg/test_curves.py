@@ -30,9 +30,10 @@ SHAPES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("body", SHAPES, ids=["circle", "parabola"])
 def test_coverage_differs_by_no_more_than_the_tolerance_implies(body):
-    """Coverage errs by at most the area between curve and chord in a pixel, and a few samples.
+    """Coverage errs by at most the area between curve and chord in a pixel, and by a few samples.
 
-    In a pixel the curve is at most 2 pixels long, and the chord within `tolerance` of it.
+    Within a pixel, the curve is at most 2 pixels long and the chord is within `tolerance` of it, so
+    this area is at most 2 `tolerance`.
     """
     offsets = (np.arange(SIDE * GRID) + 0.5) / GRID
     points = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)

@@ -1,4 +1,7 @@
-"""SVG gradients have the colours of their definitions, at points away from edges."""
+"""SVG gradients have the colours that SVG defines, at points away from edges.
+
+The expected colour of a point is computed from the stops and the geometry of the gradient alone.
+"""
 
 import warnings
 
@@ -171,7 +174,7 @@ def test_a_gradient_on_a_shape_without_area_is_not_applied():
 
 
 def test_a_pattern_on_a_shape_without_area_is_not_applied_either():
-    """The standard draws the fallback colour on such a shape, so there is nothing to warn of."""
+    """SVG defines that such a shape has the fallback colour, so reading it gives no warning."""
     line = '<line x2="90" y1="40" y2="40" stroke="url(#p) lime" stroke-width="9"/>'
     with warnings.catch_warnings():
         warnings.simplefilter("error")

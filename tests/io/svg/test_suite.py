@@ -1,8 +1,8 @@
 """Drawings of a public test suite agree with its pictures, if SOFTRAS2D_DATA contains the suite.
 
-The README of the data says how to compare. Only pixels with a uniform neighbourhood in the picture
-count, on every fifth row and column. A drawing agrees if fewer than three of them differ by more
-than 8 levels.
+The README of the data says how to compare. Only pixels on every fifth row and column are compared,
+and only if their neighbourhood in the picture is uniform, because antialiasing differs at edges. A
+drawing agrees if fewer than three of the compared pixels differ by more than 8 of 255 levels.
 """
 
 import os

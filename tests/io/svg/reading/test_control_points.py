@@ -91,7 +91,7 @@ def test_the_gradient_of_positions_is_the_transposed_matrix(controls):
 
 @pytest.mark.slow
 def test_the_gradient_of_an_image_by_control_points(controls, tmp_path, float64):
-    """The gradient equals central differences of the exact-area image, without strokes."""
+    """The gradient equals central differences of the exact-area image, for a drawing of fills."""
     text = DRAWING.replace(' stroke="black"', "")
     (tmp_path / "a.svg").write_text(text)
     # The drawing is moved off whole pixels: an edge on a side of a pixel has two one-sided

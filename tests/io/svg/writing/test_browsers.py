@@ -1,6 +1,6 @@
-"""Fallbacks for browsers in written drawings: no seams, gradients for corner colours.
+"""Written drawings contain fallbacks for browsers: gradients in place of corner colours, no seams.
 
-The package's own reader ignores them.
+The package itself ignores the fallbacks when it reads such a drawing.
 """
 
 import warnings
@@ -60,7 +60,7 @@ def test_colours_along_one_direction_are_one_gradient(tmp_path):
     definitions, path, colortri = write(tmp_path / "a.svg", SQUARE[:1], colors)
     assert [e.tag for e in (definitions, path, colortri)] == ["defs", "path", "colortri"]
     (gradient,) = definitions
-    # The gradient runs from the edge at x = 0 to the corner at x = 9, less the inset.
+    # The gradient runs from the edge at x = 0 to the corner at x = 9, shortened by the inset.
     ends = [float(gradient.attrib[name]) for name in ("x1", "y1", "x2", "y2")]
     np.testing.assert_allclose(ends, [0.3, ends[1], 8.7, ends[1]], atol=1e-3)
     assert path.get("fill") == f"url(#{gradient.get('id')})"
