@@ -1,4 +1,4 @@
-"""`repr` of scenes, textures, plans, buffers and fits is short, and never raises an exception."""
+"""The `repr` of scenes, textures, plans, buffers and fits is short, and never raises an error."""
 
 from dataclasses import fields, replace
 

@@ -35,7 +35,8 @@ def test_a_temporal_weight_lowers_flicker_and_triangles_keep_their_identity():
         colors = np.stack([np.asarray(result.scene.colors) for result in results])
         steps = np.abs(np.diff(colors, axis=0)).max((2, 3))
         others = np.abs(colors[1:, :, None] - colors[:-1, None]).max((3, 4))
-        # The colours of a triangle are closer to its own in the next frame than to most others'.
+        # The colour of a triangle is closer to the colour of the same triangle in the next frame
+        # than to those of nearly all other triangles there.
         assert (steps[:, :, None] <= others).mean() > 0.95
         assert min(result.psnr for result in results) > 20
     still, free = (flicker([r.image for r in films[t]], frames) for t in (2.0, 0.0))

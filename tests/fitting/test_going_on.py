@@ -1,4 +1,4 @@
-"""Fits continue correctly when stopped and resumed, on exceeding a plan, and within a budget."""
+"""Fits continue correctly after a stop, after exceeding a plan, and within a time budget."""
 
 import dataclasses
 import os

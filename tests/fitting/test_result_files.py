@@ -96,7 +96,10 @@ class TestEveryKind:
                 assert "` must " in message or "`settings` say" in message, message
 
     def test_numbers_that_are_not_finite_are_named(self, kind, tmp_path):
-        """The solver's state may hold them, and so may scores: an exact image has infinite PSNR."""
+        """Only the state of the solver and the scores may contain infinity or NaN.
+
+        For example, an exact image has infinite PSNR.
+        """
         for name, value in saved(kind).items():
             if value.dtype.kind != "f" or name.startswith("state.solve.") or name == "scores":
                 continue

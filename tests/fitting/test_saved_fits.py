@@ -1,6 +1,6 @@
 """Fits that an earlier version saved can be loaded, drawn and resumed.
 
-The files hold fits of 12 triangles to a target of 24 x 24 pixels, interrupted after 10 of 40 steps:
+The files contain fits of 12 triangles to a target of 24 x 24 pixels, stopped after 10 of 40 steps:
 
     def report(moment):
         if moment.record.steps >= 10:

@@ -99,8 +99,8 @@ def test_delaunay_flips_leave_every_circle_empty(seed):
     mesh = flip_to_delaunay(insert(_mesh(seed), target, 20))
     check_tiling(mesh)
     for corners in mesh.positions[mesh.triangles]:
-        # The circumscribed circle has |p - center|^2 = radius^2 at all corners p. Differences of
-        # these equations are linear in the center.
+        # All corners p satisfy |p - center|^2 = radius^2 on the circumscribed circle. Subtracting
+        # two of these equations leaves one that is linear in the center.
         squares = (corners**2).sum(1)
         center = np.linalg.solve(2 * (corners[1:] - corners[0]), squares[1:] - squares[0])
         distance = np.linalg.norm(mesh.positions - center, axis=1)

@@ -166,9 +166,9 @@ def test_an_image_is_a_window_of_a_larger_canvas():
 
 @pytest.mark.slow
 def test_tiles_with_one_grid_add_up_to_the_canvas():
-    """Tiles that share a grid have the samples of the whole canvas, but for few on clipped edges.
+    """Tiles that share a grid show what the canvas shows, except at a few samples on clipped edges.
 
-    Their gradients add up to nearly the gradient of the canvas.
+    The gradients of all tiles add up to nearly the gradient of the canvas.
     """
     rng = np.random.default_rng(3)
     corners = rng.uniform(-20, 84, (12, 3, 2))

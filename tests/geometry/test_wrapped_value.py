@@ -1,4 +1,4 @@
-"""`WrappedValue` computes what 64-bit integers give."""
+"""`WrappedValue`, an int32 that wraps around plus a float estimate, acts like a 64-bit integer."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ def values() -> np.ndarray:
 
 
 def wrap(value: np.ndarray, error: float = 2.0**28) -> WrappedValue:
-    """A wrapped value whose float estimate is wrong by up to `error`."""
+    """Wrap integers, with a float estimate that is wrong by up to `error`."""
     wrong = np.random.default_rng(1).uniform(-error, error, value.shape)
     return WrappedValue(value.astype(np.int32), (value + wrong).astype(np.float32))
 

@@ -1,4 +1,8 @@
-"""Layer masks hold the bits of the coverage words from which they are made."""
+"""Layer masks contain the bits of the coverage words from which they are made.
+
+A coverage word has one bit per sample, for one triangle. A layer mask has one bit per triangle in a
+tile's list, for one sample.
+"""
 
 import jax.numpy as jnp
 import numpy as np

@@ -33,7 +33,7 @@ def optimization_barrier(function: Callable) -> Callable:
 
 
 def is_fused(function: Callable) -> bool:
-    """Whether one computation of the compiled program holds both steps."""
+    """Whether one computation of the compiled program contains both steps."""
     text = jax.jit(function).lower(jnp.zeros(4096, jnp.float32)).compile().as_text()
     assert text is not None
     return any("sine(" in part and "slice(" in part for part in text.split("\n\n"))

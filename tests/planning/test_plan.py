@@ -30,7 +30,11 @@ def test_a_similar_scene_compiles_nothing(count_compilations):
 
 
 def test_similar_scenes_have_few_capacities():
-    """Each capacity of similar scenes takes at most two values, so few programs are needed."""
+    """Eight similar scenes have at most four plans of different structure, and so few programs.
+
+    Capacities are rounded up to a few sizes. Those of similar scenes therefore agree, or lie on
+    both sides of the border between two sizes.
+    """
     structures = set()
     for seed in range(8):
         rng = np.random.default_rng(seed)
@@ -105,7 +109,7 @@ def test_printing_a_plan_depends_on_its_effects():
 
 @pytest.mark.slow
 def test_windows_of_an_image_are_its_parts():
-    """Plans with an `origin` draw windows of a large image; together these are the image."""
+    """A plan with an `origin` draws a window of a large image, equal to this part of it."""
     on = Canvas(80, 96)
     corners, colors = random_corners(0) * 2, colors_of(COUNT)
     scene = sr.Scene.from_soup(corners, colors)
@@ -113,7 +117,7 @@ def test_windows_of_an_image_are_its_parts():
     full_image = np.asarray(sr.render(scene, plan))
     assert_same_counts(full_image, draw(corners, colors, np.ones(3), on), 16)
     origins = [(x, y) for y in (0, 40) for x in (0, 48)]
-    # One plan for all windows, from their scenes moved to one origin.
+    # One plan serves all windows. It is made for the scenes that the windows show, moved to (0, 0).
     windows = [sr.Scene.from_soup(corners - np.array(o, np.float32), colors) for o in origins]
     plan = plan_of(windows)
     for x, y in origins:

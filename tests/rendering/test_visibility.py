@@ -41,7 +41,10 @@ def assert_shows(
 ) -> None:
     """Assert that every buffer equals the oracle's.
 
-    - `depth_margin`: samples at which two different depths are closer than this are left out.
+    Triangle indices are exactly equal. Weights and depths may differ by `atol`.
+
+    - `depth_margin`: samples at which two different depths are closer than this are left out, since
+      rounding decides which triangle is nearer.
     - `certain`: the samples to compare, by default all.
     """
     is_compared = (expected.depth_margin == 0) | (expected.depth_margin > depth_margin)

@@ -224,7 +224,8 @@ def test_the_glass_shows_no_seam():
     scene = scenes.read("glass")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=1))
     image = np.asarray(sr.render(scene, plan))
-    # Background, stripe and moon show bare and through four tints. A seam would add a colour.
+    # Background, stripe and moon are visible bare and through four tints each. A seam would blend
+    # two tints and so add a colour.
     assert len(np.unique(image.reshape(-1, 3).round(4), axis=0)) == 3 + 3 * 4
 
 

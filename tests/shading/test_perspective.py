@@ -40,7 +40,7 @@ EVERYTHING: dict[str, Any] = {"perspective": True, "depth": True}
     ],
 )
 def test_equals_the_oracle(options, sampler):
-    """Depth is interpolated in screen space, and colours and uv in object space."""
+    """Depth is interpolated in screen space, and colours and uv perspective-correctly."""
     for seed in (0, 1, 2):
         soup = soup_of(seed, **options)
         expected = draw(soup, ON, sampler)

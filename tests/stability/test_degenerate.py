@@ -44,8 +44,8 @@ SHADED_SUM = pytest.param("sum, shaded", marks=SLOW)
 def test_a_triangle_collapses_without_a_jump(mode):
     """Image and derivatives are continuous as a triangle of either orientation loses its area.
 
-    Differences are relative to the numbers of a triangle one pixel high, so that the limits below
-    hold for all scenes.
+    Differences are relative to the numbers of a triangle one pixel high, so that one limit is right
+    for all scenes.
     """
     for row in collapse(mode):
         assert row["value"] < 2e-5, row

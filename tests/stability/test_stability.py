@@ -48,7 +48,7 @@ def marked(modes: Any) -> list[Any]:
 def test_moving_a_scene_with_its_origin_changes_only_roundings(mode, shift):
     """No bit changes if float32 represents the moved vertices exactly.
 
-    Otherwise errors are at most ten times the distance of neighbouring floats at this shift.
+    Otherwise errors are at most ten times the distance between neighbouring floats near the shift.
     """
     assert moved(mode, shift, on_grid=True)[1]
     errors, _ = moved(mode, shift, on_grid=False)

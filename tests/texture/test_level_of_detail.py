@@ -80,10 +80,11 @@ def _derivatives(scene: sr.Scene, plan: sr.Plan) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.slow
 def test_derivatives_are_finite_where_the_level_is_singular():
-    """One scene has one kind of singularity per triangle, as each program takes seconds to compile.
+    """Derivatives are finite at every kind of singularity of the level of detail.
 
     The kinds are constant uv, uv that are constant along one axis, a level clamped to the first,
-    and corners exactly at 0 and 1.
+    and corners exactly at 0 and 1. Each triangle has one kind. All kinds are in one scene, because
+    each program takes seconds to compile.
     """
     soup = soup_of(14)
     uv = np.array(soup.uv)
@@ -97,8 +98,9 @@ def test_derivatives_are_finite_where_the_level_is_singular():
     tangent, by_uv, by_bias = _derivatives(scene, plan)
     for derivative in (tangent, by_uv, by_bias):
         assert np.isfinite(derivative).all()
-    # Levels are clamped to the first or the last, so the bias changes nothing. The last level has
-    # one texel, so uv change nothing either. Only constant uv do, since they select level zero.
+    # Under these biases, levels are clamped to the first or the last, so the derivative with
+    # respect to the bias is zero. The last level has one texel, so the derivative with respect to
+    # uv is zero too, except at constant uv, which select level zero.
     for bias in (-30.0, 30.0):
         tangent, by_uv, by_bias = _derivatives(scene, _biased(plan, bias))
         assert by_bias == 0

@@ -92,7 +92,7 @@ def test_an_image_with_alpha_is_shown_as_it_was_sent(browser):
         page.close()
     assert len(np.unique(sent[..., 3])) > 5
     np.testing.assert_array_equal(shown[..., 3], sent[..., 3])
-    # A browser canvas stores colours premultiplied, in bytes, and so rounds them.
+    # A browser canvas stores premultiplied colours in bytes, and so rounds straight colours.
     alpha = sent[..., 3:] / 255
     assert np.abs(shown[..., :3] * alpha - sent[..., :3] * alpha).max() <= 1
 

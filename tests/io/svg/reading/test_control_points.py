@@ -34,7 +34,7 @@ def test_the_file_s_points_give_the_scene(controls):
     scene = sr.read_svg(controls._document.name)
     np.testing.assert_array_equal(scene.positions, controls.scene.positions)
     np.testing.assert_allclose(controls.positions(controls.points), scene.positions, atol=2e-5)
-    # All uses of the leaf share its control points, which the file holds once.
+    # All uses of the leaf share its control points, which are in the file once.
     assert len(controls.points) == 4 + 9 + 3 + 3
     np.testing.assert_allclose(controls.points[:3], [[5, 5], [5, 14], [17, 14]], atol=1e-6)
 

@@ -199,7 +199,8 @@ def test_textures_are_written_beside_the_drawing(tmp_path):
     index = np.asarray(scene.texture_index)
     np.testing.assert_array_equal(np.asarray(read.texture_index) >= 0, index >= 0)
     np.testing.assert_array_equal(np.asarray(read.uv)[index >= 0], np.asarray(scene.uv)[index >= 0])
-    # The texture of triangle 2 holds bytes and is exact. For triangle 0, it is rounded to 16 bits.
+    # The texture of triangle 2 consists of bytes and is exact. That of triangle 0 is rounded to 16
+    # bits.
     np.testing.assert_array_equal(base_level(read, 2), base_level(scene, 2))
     np.testing.assert_allclose(base_level(read, 0), base_level(scene, 0), atol=0.6 / 65535)
 
