@@ -15,7 +15,7 @@ from softras2d.numerics.compiled_programs import drop_programs
 if os.environ.get("SOFTRAS2D_OPTIMIZED_TESTS", "0") == "0":
     # Most tests run a program once, and compiling it with little optimization takes a third of the
     # time. CI repeats the tests that measure roundings or compare bits as users' programs compile.
-    # XLA reads the flags when JAX first uses a device. Of a flag given twice, the last one counts.
+    # XLA reads the flags when JAX first uses a device. If one is given twice, the last counts.
     os.environ["XLA_FLAGS"] = (
         "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
         f" --xla_cpu_parallel_codegen_split_count=1 {os.environ.get('XLA_FLAGS', '')}"

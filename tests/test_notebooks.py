@@ -26,7 +26,7 @@ def missing_names(code: str) -> Iterator[str]:
         match node:
             case ast.ImportFrom(module=str(module)) if module.split(".")[0] == "softras2d":
                 for alias in node.names:
-                    # The statement itself, since `from` also finds modules not yet imported.
+                    # Run the import itself, since `from` also finds modules not yet imported.
                     try:
                         exec(f"from {module} import {alias.name}", known)
                     except ImportError:

@@ -1,6 +1,6 @@
 """Small files made to take hours are read, or refused in one line, within seconds.
 
-An algorithm of quadratic time would take hours here; an alarm ends such a test.
+An algorithm of quadratic time would take hours here, so an alarm ends a test that takes too long.
 """
 
 import base64

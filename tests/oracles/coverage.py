@@ -122,7 +122,7 @@ def footprint(triangle: np.ndarray, canvas: Canvas) -> Footprint:
     sign = 1 if area > 0 else -1
     inside = np.ones((y.size, x.size), bool)
     for edge, (dx, dy) in zip(edges, gradients, strict=True):
-        # Times `sign`, the gradient (dx, dy) of the edge function points into the triangle.
+        # The gradient (dx, dy) of the edge function, times `sign`, points into the triangle.
         left, top = sign * dx > 0, dx == 0 and sign * dy > 0
         has_boundary = canvas.fill_rule == "inclusive" or left or top
         inside &= ((sign * edge >= 0) if has_boundary else (sign * edge > 0)).astype(bool)

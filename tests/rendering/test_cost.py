@@ -1,4 +1,4 @@
-"""The cost of effects: `without` removes one effect, and `price_effects` measures each one."""
+"""`without_effect` removes one effect from a scene, and `price_effects` measures every effect."""
 
 from dataclasses import replace
 

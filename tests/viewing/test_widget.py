@@ -159,8 +159,8 @@ def lab(tmp_path: Path) -> Iterator[str]:
         assert address is not None
         yield f"{address.group()}/lab/tree/view.ipynb?token=viewer"
     finally:
-        # The server is killed, because after SIGTERM it sometimes waits minutes for kernels and
-        # pages. The kernel ends by itself.
+        # The server is killed, because when it is asked to end it sometimes waits minutes for
+        # kernels and pages. The kernel ends by itself.
         process.kill()
         process.wait(60)
 
