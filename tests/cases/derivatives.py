@@ -89,6 +89,11 @@ def is_finite(tree: Any) -> bool:
     return all(bool(np.isfinite(leaf).all()) for leaf in jax.tree.leaves(tree))
 
 
+def is_finite_and_not_zero(tree: Any) -> bool:
+    """Whether every number of a tree is finite, and some number differs from zero."""
+    return is_finite(tree) and any(bool(np.any(leaf)) for leaf in jax.tree.leaves(tree))
+
+
 def inner(first: Any, second: Any) -> float:
     """The inner product of two trees, in float64."""
     pairs = zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True)

@@ -103,7 +103,7 @@ def test_scores_of_a_batch_share_a_program(count_compilations):
     with count_compilations() as compiled:
         sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
     drawn = [name for name in compiled.names if "render" in name]
-    assert len(drawn) <= 2, compiled.names
+    assert 1 <= len(drawn) <= 2, compiled.names
 
 
 @pytest.mark.slow

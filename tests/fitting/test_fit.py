@@ -218,9 +218,14 @@ def test_fits_with_other_colors_lower_the_error():
 def test_the_error_is_lower_where_weights_are_large():
     left = np.zeros((40, 48))
     left[:, :24] = 1
-    result = sr.fit(TARGET, triangles=6, steps=75, weights=left)
-    error = ((result.image - TARGET) ** 2).mean(-1)
-    assert error[:, :24].mean() < error[:, 24:].mean()
+    errors = []
+    for weights in (left, left[:, ::-1]):
+        result = sr.fit(TARGET, triangles=6, steps=75, weights=weights)
+        error = ((result.image - TARGET) ** 2).mean(-1)
+        errors.append((error[:, :24].mean(), error[:, 24:].mean()))
+    (left_where_large, right_where_zero), (left_where_zero, right_where_large) = errors
+    assert left_where_large < left_where_zero
+    assert right_where_large < right_where_zero
 
 
 @pytest.mark.slow
@@ -241,7 +246,7 @@ def mesh_of_corners(height, width):
 def test_a_mesh_may_start_anywhere():
     for start in (mesh_of_corners(40, 48), "uniform"):
         result = sr.fit(TARGET, triangles=12, family="mesh", steps=25, start=start)
-        assert np.isfinite(result.psnr)
+        assert result.psnr > mean_psnr(TARGET)
 
 
 TWO_TRIANGLES = sr.Scene.from_soup(np.arange(12.0).reshape(2, 3, 2) ** 2 / 8, np.full((2, 3), 0.5))

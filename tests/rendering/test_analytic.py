@@ -326,7 +326,9 @@ def test_empty_scenes_and_one_pixel_canvases_are_drawn():
     scene = random_scene()
     for coverage in (sr.Soft(), sr.Area()):
         plan = sr.plan(scene, height=1, width=1, coverage=coverage)
-        assert image_of(scene, plan).shape == (1, 1, 3)
+        image = np.asarray(image_of(scene, plan))
+        assert image.shape == (1, 1, 3)
+        assert image.min() >= 0 and 0 < image.max() <= 1
 
 
 REFUSED = {

@@ -97,7 +97,7 @@ def test_derivatives_are_finite_where_the_level_is_singular():
     plan = plan_of(scene, ON, TRILINEAR)
     tangent, by_uv, by_bias = _derivatives(scene, plan)
     for derivative in (tangent, by_uv, by_bias):
-        assert np.isfinite(derivative).all()
+        assert np.isfinite(derivative).all() and np.any(derivative)
     # Under these biases, levels are clamped to the first or the last, so the derivative with
     # respect to the bias is zero. The last level has one texel, so the derivative with respect to
     # uv is zero too, except at constant uv, which select level zero.

@@ -22,6 +22,7 @@ from ..cases.derivatives import (
     forward,
     inner,
     is_finite,
+    is_finite_and_not_zero,
     weight_of,
 )
 from ..cases.marks import slowly
@@ -212,9 +213,9 @@ def test_derivatives_are_finite_on_hard_scenes():
     scene, plan = _drawn(hard, ANISOTROPIC, "sample", np.float32)
     image, tangent = forward(scene, plan, direction_of(scene, plan, bias=1))
     cotangent = backward(scene, plan, weight_of(image))
-    assert is_finite(image)
-    assert is_finite(tangent)
-    assert is_finite(cotangent)
+    assert is_finite_and_not_zero(image)
+    assert is_finite_and_not_zero(tangent)
+    assert is_finite_and_not_zero(cotangent)
 
 
 def test_nan_uv_leave_other_gradients_finite(float64):

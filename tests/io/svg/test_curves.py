@@ -39,7 +39,7 @@ def test_coverage_differs_by_no_more_than_the_tolerance_implies(body):
     points = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     exact = SHAPES[body](points).reshape(SIDE, GRID, SIDE, GRID).mean(axis=(1, 3))
     errors = []
-    for tolerance in (0.64, 0.16, 0.02):
+    for tolerance in (0.4, 0.1, 0.0125):
         head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIDE}" height="{SIDE}">'
         scene = parse_svg(f"{head}{body}</svg>", tolerance=tolerance)
         plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=sr.Hard(samples=GRID**2))
