@@ -80,7 +80,7 @@ def _quickest_table(
 ) -> str:
     """The quickest method below each error, and the quickest of softras2d."""
     header = ["scene", f"{what} at most", "quickest of all", "ms", "softras2d's quickest", "ms",
-              "over the quickest"]  # fmt: skip
+              "softras2d / quickest"]  # fmt: skip
     lines = []
     for scene in dict.fromkeys(point.scene for point in points):
         of_scene = [point for point in points if point.scene == scene]
@@ -99,7 +99,7 @@ def _cells(point: Point | None) -> tuple[str, str]:
 def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
     """Each peer that is quicker than all methods of softras2d with as low an error."""
     header = ["scene", "peer", "ms", what, "softras2d's quickest with as low an error", "ms", what,
-              "over the peer"]  # fmt: skip
+              "softras2d / peer"]  # fmt: skip
     lines = []
     for scene in dict.fromkeys(point.scene for point in points):
         for peer, match in ahead([point for point in points if point.scene == scene]):
@@ -111,13 +111,13 @@ def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
 
 
 def _images(rows: Sequence[dict[str, Any]], titles: dict[str, str]) -> str:
-    header = ["way", "threads", "median ms", "least ms", "RMSE", "FLIP", "on the front of"]
+    header = ["way", "threads", "median ms", "least ms", "RMSE", "FLIP", "on the Pareto front of"]
     return _by_scene(rows, titles, {"RMSE": "rmse", "FLIP": "flip"}, header)
 
 
 def _gradients(rows: Sequence[dict[str, Any]], titles: dict[str, str]) -> str:
     errors = {"relative error": "relative_error", "1 - cosine": "one_minus_cosine"}
-    header = ["way", "threads", "median ms", "least ms", *errors, "on the front of"]
+    header = ["way", "threads", "median ms", "least ms", *errors, "on the Pareto front of"]
     return _by_scene(rows, titles, errors, header)
 
 

@@ -179,8 +179,8 @@ def _commit(checkout: Path) -> str:
 
 def table(result: dict[str, Any]) -> str:
     """The rows as a Markdown table."""
-    header = ["what", "before, ms", "after, ms", "after / before", "processor, after / before",
-              "first call, s", "memory, MiB"]  # fmt: skip
+    header = ["scene and call", "before, ms", "after, ms", "after / before",
+              "processor time, after / before", "first call, s", "memory, MiB"]  # fmt: skip
     rows = [
         [
             row["name"],

@@ -111,7 +111,7 @@ def main() -> None:
                 }
             )
     report.write_csv(HERE / "results" / "shading.csv", rows)
-    header = ["drawn", "triangles", "ms", "processor ms", "over the loop", "over own, untextured"]
+    header = ["program", "triangles", "ms", "processor ms", "time / loop", "time / untextured"]
     lines = [
         [
             row["drawn"],

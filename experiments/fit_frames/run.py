@@ -118,8 +118,8 @@ def main() -> None:
     }
     report.write_json(results / "run.json", run)
     header = (
-        "film", "temporal weight", "mean PSNR, dB", "last PSNR, dB", "flicker, levels",
-        "s per frame", "CPU s per frame",
+        "film", "temporal weight", "mean PSNR, dB", "PSNR of the last frame, dB",
+        "flicker, levels", "wall-clock s per frame", "CPU s per frame",
     )  # fmt: skip
     table = report.table(header, [row_texts(row) for row in rows])
     described = machine.describe(run, seed=f"seed {SEED}")

@@ -27,7 +27,7 @@ def _runs(rows: list[dict[str, Any]]) -> dict[tuple[int, str], list[dict[str, An
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
-    header = ["triangles", "solver", "steps", "seconds a step", "start, dB", "end, dB"]
+    header = ["triangles", "solver", "steps", "seconds per step", "start, dB", "end, dB"]
     lines = []
     for (count, solver), run in _runs(rows).items():
         first, last = run[0], run[-1]

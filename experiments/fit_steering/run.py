@@ -137,8 +137,11 @@ def main() -> None:
     (HERE / "results").mkdir(exist_ok=True)
     report.write_json(HERE / "results/palette.json", run)
     minutes = (time.perf_counter() - start_seconds) / 60
-    header = ["fit", "picture", "free, dB", "after, dB", "after, best of 10", "during, dB"]
-    header += ["gain, dB", "gain over best of 10"]
+    header = [
+        "fit", "picture", "free colours, dB", "palette after, dB", "after, best of 10, dB",
+        "palette during, dB",
+    ]  # fmt: skip
+    header += ["gain, dB", "gain over best of 10, dB"]
     texts = {
         "palette": report.table(header, [row_texts(row) for row in rows]),
         "machine": f"{machine.describe(run, seed=f'seed {SEED}')}; {minutes:.0f} minutes.",

@@ -26,8 +26,8 @@ def publish(results: Path, readme: Path) -> None:
 def _table(rows: list[dict[str, Any]], cell: tuple[str, str, str]) -> str:
     scene, triangles, target = cell
     own = [r for r in rows if (r["scene"], r["triangles"], r["target"]) == cell]
-    header = ["mode", "cosine", "relative error", "colours", "forward, ms", "forward + backward",
-              "tangent", "over DEODR", "first call, s"]  # fmt: skip
+    header = ["mode", "cosine", "relative error", "cosine, colours", "forward, ms",
+              "forward + backward, ms", "tangent, ms", "time / DEODR", "first call, s"]  # fmt: skip
     lines = [
         [r["mode"], r["cosine"], r["relative_error"], r["color_cosine"]]
         + [

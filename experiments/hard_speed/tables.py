@@ -44,7 +44,7 @@ def publish(results: Path, readme: Path | None) -> None:
 def targets_table(times: Times, fresh: list[dict[str, Any]]) -> str:
     words = {True: "yes", False: "no", None: ""}
     return report.table(
-        ["question", "asked", "median", "least", "met"],
+        ["question", "target", "median", "least", "met"],
         [
             [row.question, row.asked, row.value, row.least, words[row.met]]
             for row in targets(times, fresh)
@@ -87,7 +87,7 @@ def one_scene_table(times: Times) -> str:
         ]
         for entry in entries
     ]
-    return report.table(["contestant", "median ms", "least ms", "over Skia 4x4", "RMSE"], rows)
+    return report.table(["contestant", "median ms", "least ms", "time / Skia 4x4", "RMSE"], rows)
 
 
 def all_scenes_tables(times: Times) -> str:

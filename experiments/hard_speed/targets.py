@@ -27,28 +27,28 @@ def _against_others(times: Times) -> list[Target]:
         own = times.find("softras2d", "16 samples", triangles=count)
         for peer in ("Skia", "Blend2D"):
             other = times.find(peer, "4x4 canvas", triangles=count)
-            rows += _ratio(f"N = {count:,}: time over {peer} on a 4x4 canvas", own, other, most)
+            rows += _ratio(f"N = {count:,}: time / {peer} on a 4x4 canvas", own, other, most)
     own = times.find("softras2d", "16 samples")
     for family, asked in (("scalar loop", 0.25), ("scanline", None)):
         for parallel, on in ((False, "one thread"), (True, "all cores")):
             other = times.find(family, "16 samples", parallel=parallel)
             most = None if parallel else asked
-            rows += _ratio(f"N = 1,000: time over the {family}, {on}", own, other, most)
+            rows += _ratio(f"N = 1,000: time / {family}, {on}", own, other, most)
     return rows
 
 
 def _against_itself(times: Times) -> list[Target]:
     own = times.find("softras2d", "16 samples")
-    rows = _ratio("64 samples over 16, N = 1,000", times.find("softras2d", "64 samples"), own, 3.0)
+    rows = _ratio("64 samples / 16, N = 1,000", times.find("softras2d", "64 samples"), own, 3.0)
     rows += _ratio(
-        "1024 px over 512 px, N = 100,000",
+        "1024 px / 512 px, N = 100,000",
         times.find("softras2d", "16 samples", triangles=100_000, size_px=1024),
         times.find("softras2d", "16 samples", triangles=100_000),
         2.5,
     )
     for kind, name in (("flat_a50", "alpha 0.5"), ("gouraud", "corner colours")):
         of_kind = times.find("softras2d", "16 samples", kind=kind)
-        rows += _ratio(f"{name} over flat opaque, N = 1,000", of_kind, own, None)
+        rows += _ratio(f"{name} / flat opaque, N = 1,000", of_kind, own, None)
     return rows
 
 
@@ -62,7 +62,7 @@ def _fresh(fresh: list[dict[str, Any]]) -> list[Target]:
                 Target(
                     f"first render: {scene}", "<= 2.5 s", f"{seconds:.2f} s", "", seconds <= 2.5
                 ),
-                Target(f"then another alike: {scene}", "", f"{alike:.2f} s", "", None),
+                Target(f"next, similar render: {scene}", "", f"{alike:.2f} s", "", None),
             ]
         else:
             gib = one["peak_mib"] / 1024

@@ -52,7 +52,7 @@ def times_table(rows: list[dict[str, Any]]) -> str:
         ]
         for row in rows
     ]
-    header = ["scene, method", "median ms", "least ms", "median over flat", "least over flat"]
+    header = ["scene, method", "median ms", "least ms", "median / flat", "least / flat"]
     return report.table(header, lines)
 
 

@@ -138,8 +138,8 @@ def compare_with_exact(name: str, gradient: np.ndarray, exact: np.ndarray) -> di
 def gradient_table(rows: list[dict[str, Any]]) -> str:
     """The README's table of gradients."""
     header = [
-        "scene", "samples", "`render`: cosine", "scale", "caller's colours: cosine", "scale",
-        "largest difference of both",
+        "scene", "samples", "`render`: cosine", "`render`: scale", "caller's colours: cosine",
+        "caller's colours: scale", "largest difference / largest entry",
     ]  # fmt: skip
     names = ("render_cosine", "render_scale", "caller_cosine", "caller_scale")
     body = [

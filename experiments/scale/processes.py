@@ -96,8 +96,8 @@ def main() -> None:
             rows.append(compare(folder, processes, expected_files))
             print(rows[-1], flush=True)
     header = [
-        "processes", "files of `--steps`", "`--seconds` a batch", "mean PSNR, dB",
-        "mean apart, dB", "pictures at most apart, dB",
+        "processes", "files with `--steps`", "`--seconds` per batch", "mean PSNR, dB",
+        "difference of means, dB", "largest difference of a picture, dB",
     ]  # fmt: skip
     report.fill_markers(HERE / "README.md", "processes", report.table(header, rows))
 

@@ -193,7 +193,7 @@ def left_out(rows: list[Row]) -> str:
     """A sentence for each case that was left out."""
     missing = [r for r in rows if r["left_out"]]
     if not missing:
-        return "No case was left out: each needed less than 16 GiB and less than a minute a call."
+        return "No case was left out: each needed less than 16 GiB and less than a minute per call."
     return "\n".join(
         f"- Left out: {LABELS[r['axis']]} {_plain(float(r['size']), 0)}, {r['what']}: "
         f"{r['left_out']}"
@@ -220,11 +220,11 @@ def memory_table(rows: list[Row]) -> str:
         )
     header = [
         "one call",
-        "laid out, MiB",
-        "grown by, MiB",
-        "ratio",
-        "after imports",
-        "whole process",
+        "compiler's figure, MiB",
+        "growth, MiB",
+        "growth / figure",
+        "after imports, MiB",
+        "peak of the process, MiB",
     ]
     return report.table(header, lines)
 
@@ -250,7 +250,8 @@ def ways_tables(rows: list[Row]) -> str:
                     _three(float(r["cpu_ms"]) + resolve),
                 ]
             )
-        header = ["way", "find, ms", "over the box by rows", "image, ms", "over it", "processor ms"]
+        header = ["method", "visibility, ms", "visibility / box by rows", "image, ms",
+                  "image / box by rows", "processor ms"]  # fmt: skip
         boxed, covered, shown = (float(base[key]) for key in ("boxed", "covered", "shown"))
         set_up = float(base["set_up_ms"])
         parts.append(

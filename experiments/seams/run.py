@@ -95,7 +95,7 @@ def main() -> None:
         off = image - reference
         paper = f"{100 * np.mean(off.mean(2) > 0.05):.1f} %"
         rows.append([f"`{name}`", f"{np.sqrt((off**2).mean()):.4f}", _most(off), paper])
-    header = ["coverage", "RMSE", "greatest", "pixels lighter by 0.05"]
+    header = ["coverage", "RMSE", "greatest error", "pixels lighter by more than 0.05"]
     report.fill_markers(HERE / "README.md", "errors", report.table(header, rows))
     run = {"machine": machine.record(PACKAGES), "precision": "float32"}
     report.fill_markers(HERE / "README.md", "machine", f"{machine.describe(run, seed='seed 0')}.")

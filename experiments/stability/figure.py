@@ -40,7 +40,7 @@ def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
         stated = next(iter(by_mode.values()))
         limits = f"{_short(stated['stated_value'])}; {_short(stated['stated_product'])}"
         lines.append([name, limits, *(_cell(by_mode.get(mode)) for mode in modes)])
-    return ["case", "stated", *modes], lines
+    return ["case", "stated error", *modes], lines
 
 
 def _degenerate_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:

@@ -49,7 +49,7 @@ def main() -> None:
         print(row, flush=True)
         sr.write_image(HERE / "results" / f"{path.stem}.png", picture)
     report.write_csv(HERE / "results" / "browsers.csv", rows)
-    header = ["drawing", "triangles", "PSNR, dB", f"pixels over {FAR} of 255, %"]
+    header = ["drawing", "triangles", "PSNR, dB", f"pixels that differ by over {FAR} of 255, %"]
     lines = [
         [row["drawing"], f"{row['triangles']:,}", f"{row['psnr']:.1f}", f"{row['far']:.2f}"]
         for row in rows

@@ -57,8 +57,8 @@ def filters_table(rows: list[dict[str, Any]]) -> str:
             ]
         )
     header = ["filter", "samples", "moire", *(scene.replace("_", " ") for scene in _SCENES)]
-    times = [f"time, {scene}" for scene in _TIMED]
-    return report.table([*header, *times, "texels a sample", "MB moved"], lines)
+    times = [f"relative time, {scene}" for scene in _TIMED]
+    return report.table([*header, *times, "texels per sample", "MB moved"], lines)
 
 
 def _ratio(row: dict[str, Any]) -> str:

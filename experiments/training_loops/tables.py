@@ -25,8 +25,9 @@ def publish(results: Path, readme: Path | None) -> None:
 def lasting(rows: dict[str, Any]) -> str:
     """Each loop with one program: what went wrong in its steps, and its speed."""
     header = [
-        "loop", "compiled: first step", "later", "outgrown: steps", "first", "not finite: steps",
-        "steps per second", "over dense", "loss, first to last",
+        "loop", "programs compiled in step 1", "programs compiled later",
+        "steps that outgrew the plan", "first such step", "steps not finite", "steps per second",
+        "ratio to dense", "loss, first to last",
     ]  # fmt: skip
     dense = rows["dense"]["steps_per_cpu_second"]
     body = [
@@ -49,7 +50,7 @@ def lasting(rows: dict[str, Any]) -> str:
 
 def replanning(rows: dict[str, Any]) -> str:
     """Each loop with `value_and_grad_replanning`."""
-    header = ["loop", "replans", "not finite: steps", "seconds", "loss, first to last"]
+    header = ["loop", "new plans", "steps not finite", "seconds", "loss, first to last"]
     body = [
         [
             name,
@@ -68,8 +69,8 @@ def ways(rows: list[dict[str, Any]]) -> str:
     """Least time of a batch by each way, in milliseconds, and the ratios that have goals."""
     time = {(row["scene"], row["coverage"], row["way"]): float(row["least_ms"]) for row in rows}
     header = [
-        "batch of 16", "coverage", "vmap, ms", "lax.map", "loop", "vmap / loop",
-        "dense: vmap", "lax.map", "vmap / cheaper dense",
+        "batch of 16", "coverage", "vmap, ms", "lax.map, ms", "loop, ms", "vmap / loop",
+        "dense: vmap, ms", "dense: lax.map, ms", "vmap / faster dense",
     ]  # fmt: skip
     body = []
     for scene, coverage in dict.fromkeys((row["scene"], row["coverage"]) for row in rows):
@@ -97,7 +98,7 @@ def growth(rows: list[dict[str, Any]]) -> str:
     time = {
         (row["scene"], row["coverage"], int(row["batch"])): float(row["least_ms"]) for row in rows
     }
-    header = ["ms a scene", "way", *(f"batch of {count}" for count in batches.BATCHES)]
+    header = ["ms per scene", "method", *(f"batch of {count}" for count in batches.BATCHES)]
     body = [
         [
             scene,

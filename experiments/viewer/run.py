@@ -192,10 +192,10 @@ def table(result: dict[str, Any]) -> str:
     columns = {
         "request to pixels, ms": "answer_ms",
         "`sr.render`, ms": "render_ms",
-        "least of each": ("least_answer_ms", "least_render_ms"),
-        "processor, answer, ms": "answer_processor_ms",
-        "processor, `sr.render`, ms": "render_processor_ms",
-        "frame, ms": "frame_ms",
+        "least of both, ms": ("least_answer_ms", "least_render_ms"),
+        "processor time, answer, ms": "answer_processor_ms",
+        "processor time, `sr.render`, ms": "render_processor_ms",
+        "key to frame, ms": "frame_ms",
         "message, MB": "message_mb",
     }
     lines = ["| scene | " + " | ".join(columns) + " |", "|---|" + "---:|" * len(columns)]
