@@ -25,7 +25,7 @@ def publish(results: Path, readme: Path) -> None:
     report.fill_markers(readme, "degenerate", report.table(*_degenerate_table(degenerate)))
     report.fill_markers(readme, "shifts", report.table(*_shift_table(shifts)))
     long = [[r["mode"], _short(r["by_color"]), _short(r["by_positions"])] for r in sums]
-    report.fill_markers(readme, "sums", report.table(["mode", "by colour", "by positions"], long))
+    report.fill_markers(readme, "sums", report.table(["mode", "colour", "positions"], long))
     about = machine.describe(run, seed=f"seed {run['seed']}")
     report.fill_markers(readme, "machine", f"{about}; {run['seconds']} s.")
     _draw(shifts, results / "shifts.png")
