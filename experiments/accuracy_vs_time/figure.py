@@ -17,7 +17,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from ..common import labels
 from .points import Point, front
 
-# Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
+# Colours that colour-blind readers can distinguish: Okabe and Ito, *Color Universal Design* (2008).
 # Soft and Cairo, and DEODR and the loop, also differ by their markers.
 STYLES: dict[str, tuple[str, str, Any]] = {
     "Hard": ("#D55E00", "o", "-"),
@@ -62,7 +62,7 @@ def draw(
         texts = [labels.Label(p.ms, p.error, _text(p), STYLES[p.family][0]) for p in of_scene]
         clashes = labels.place(axes, texts, _FONT, _joined(of_scene))
         if clashes:
-            print(f"{scene}: {clashes} labels found no free place")
+            print(f"{scene}: {clashes} labels overlap a label or a point")
     return figure
 
 

@@ -1,6 +1,6 @@
-"""Differentiate a scene by its positions in every way, and compute the exact gradient.
+"""Gradients with respect to positions by every method, and the exact gradient.
 
-The loss is the mean squared difference to an image of white noise, so that every edge counts.
+The loss is the mean squared difference to an image of white noise, so that every edge contributes.
 """
 
 # pyright: reportMissingImports=false
@@ -26,7 +26,7 @@ TARGET_SEED = 1
 
 @dataclass(frozen=True)
 class GradientMethod:
-    """A way to compute the gradient.
+    """A method that computes the gradient.
 
     - `call()` draws and differentiates.
     - `read(result)` extracts the gradient `[vertices, 2]` from what `call` returned.
@@ -67,7 +67,7 @@ def methods_of(subject: Subject, quick: bool) -> list[GradientMethod]:
 def _package_method(
     subject: Subject, target: NDArray[np.float32], family: str, label: str, coverage: Any
 ) -> GradientMethod:
-    """Value and gradient by all positions, computed by the package under one coverage mode."""
+    """Value, and gradient with respect to all positions, by the package in one coverage mode."""
     scene, size = subject.scene, subject.size
     plan = sr.plan(scene, height=size, width=size, coverage=coverage)
     target_array = jnp.asarray(target)
@@ -87,7 +87,7 @@ def _package_method(
 
 
 def _deodr(subject: Subject, target: NDArray[np.float32]) -> list[GradientMethod]:
-    """DEODR, which differentiates by corners; at shared vertices, their gradients are added."""
+    """DEODR's gradient with respect to corners, summed over the corners of each shared vertex."""
     soup = subject.soup
     if soup is None or not soup.opaque or "DEODR" in ways.missing():
         return []

@@ -29,7 +29,7 @@ class Point:
 
 
 def read(rows: Sequence[dict[str, Any]], error: str) -> list[Point]:
-    """The points of rows; `error` names the column of the error."""
+    """Convert rows to points; `error` names the column of the error."""
     return [
         Point(
             row["scene"],
@@ -44,7 +44,7 @@ def read(rows: Sequence[dict[str, Any]], error: str) -> list[Point]:
 
 
 def front(points: Sequence[Point]) -> list[Point]:
-    """The points that no other beats in both time and error, the quickest first."""
+    """The Pareto front: no other point has both less time and less error. Fastest first."""
     best: list[Point] = []
     for point in sorted(points, key=lambda one: (one.ms, one.error)):
         if not best or point.error < best[-1].error:
@@ -59,14 +59,14 @@ def quickest(points: Sequence[Point], most: float) -> Point | None:
 
 
 ALIKE = 1.01
-"""Errors that differ by a hundredth count as equal, as eight bits and float32 round differently."""
+"""Errors that differ by 1 % count as equal, because eight bits and float32 round differently."""
 
 
 def ahead(points: Sequence[Point]) -> Iterator[tuple[Point, Point | None]]:
-    """Peers that no method of softras2d matches in both time and error, the quickest first.
+    """Peers that are faster than all methods of softras2d with as low an error; fastest first.
 
-    Each comes with the quickest method of softras2d whose error is as low (within `ALIKE`), or
-    with None if there is none.
+    Each peer comes with the fastest method of softras2d whose error is as low (within `ALIKE`), or
+    with None if no method is as accurate.
     """
     ours = [point for point in points if point.is_ours]
     for peer in sorted((point for point in points if not point.is_ours), key=lambda one: one.ms):

@@ -1,4 +1,4 @@
-"""Measure error against time, for images and for gradients; see the README beside this.
+"""Measure error against time, for images and for gradients; see the README in this folder.
 
 python -m experiments.accuracy_vs_time.run [--quick] [--only SCENE,SCENE]
 """
@@ -45,7 +45,7 @@ PACKAGES = (
 
 
 def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
-    """A row for each way of drawing a scene; all are timed in turn."""
+    """A row for each method of drawing a scene; all methods are timed in turn."""
     contestants = ways.contestants(subject, quick)
     drawn = [contestant.draw for contestant in contestants if contestant.family in ways.OURS]
     compile_together([lambda: subjects.reference(subject, REFERENCES), *drawn])
@@ -72,7 +72,7 @@ def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
 
 
 def gradient_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
-    """A row for each way of differentiating a scene; all are timed in turn."""
+    """A row for each method of differentiating a scene; all methods are timed in turn."""
     truth = gradients.truth(subject, subjects.reference(subject, REFERENCES))
     methods = {
         f"{method.family}, {method.label}": method
@@ -103,16 +103,20 @@ def _timed(calls: dict[str, Callable[[], object]], quick: bool) -> dict[str, Tim
 
 
 def compile_together(calls: Iterable[Callable[[], object]]) -> None:
-    """Call each once to compile it, one call per core at a time: compiling keeps one core busy."""
+    """Compile each method by one call, in as many threads as cores: compiling uses one core."""
     with ThreadPoolExecutor(CORES) as pool:
         for done in [pool.submit(call) for call in calls]:
             done.result()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Error against milliseconds.")
-    parser.add_argument("--quick", action="store_true", help="few points, into cache/quick")
-    parser.add_argument("--only", default="", help="scenes by comma, into cache/only")
+    parser = argparse.ArgumentParser(description="Measure error against time.")
+    parser.add_argument(
+        "--quick", action="store_true", help="Measure few points; results go to cache/quick."
+    )
+    parser.add_argument(
+        "--only", default="", help="Names of scenes, separated by commas; results go to cache/only."
+    )
     arguments = parser.parse_args()
     quick, only = arguments.quick, {name for name in arguments.only.split(",") if name}
     cache_programs(CACHE / "xla")
@@ -123,7 +127,7 @@ def main() -> None:
     began, about = time.perf_counter(), machine.record(PACKAGES)
     chosen = [one for one in subjects.load(size) if not only or one.name in only]
     for name in ways.missing():
-        print(f"left out, not installed: {name}")
+        print(f"left out because it is not installed: {name}")
     # A run of textured scenes alone has no gradients, and must not show those of an earlier run.
     (results / "gradients.csv").unlink(missing_ok=True)
     images: list[dict[str, Any]] = []

@@ -24,8 +24,8 @@ MIPMAPPED = sr.Filter(pixel="bilinear", level="linear")
 class Subject:
     """One scene on a canvas of `size` x `size` pixels.
 
-    - `soup`: the same triangles without shared vertices, for the peers; None with textures.
-    - `tiling`: whether its triangles abut and fill the canvas.
+    - `soup`: the same triangles without shared vertices, for the peers; None for a textured scene.
+    - `tiling`: whether the triangles abut and fill the canvas.
     """
 
     name: str
@@ -57,7 +57,7 @@ def load(size: int) -> list[Subject]:
 def mesh(size: int) -> Subject:
     """A jittered grid in the colours of a photograph; its outermost vertices are off the canvas.
 
-    Thus no edge lies on the border of the canvas, where the derivative jumps.
+    So no edge lies on the border of the canvas, where the derivative jumps.
     """
     rng = np.random.default_rng(SEED)
     cell = size / (CELLS - 1)

@@ -78,7 +78,7 @@ def publish(results: Path, readme: Path | None) -> None:
 def _quickest_table(
     points: Sequence[Point], titles: dict[str, str], bounds: Sequence[float], what: str
 ) -> str:
-    """The quickest method below each error, and the quickest of softras2d."""
+    """For each bound on the error, the fastest method and the fastest mode of softras2d."""
     header = ["scene", f"{what} at most", "quickest of all", "ms", "softras2d's quickest", "ms",
               "softras2d / quickest"]  # fmt: skip
     lines = []
@@ -97,7 +97,7 @@ def _cells(point: Point | None) -> tuple[str, str]:
 
 
 def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
-    """Each peer that is quicker than all methods of softras2d with as low an error."""
+    """Table of peers that are faster than all methods of softras2d with as low an error."""
     header = ["scene", "peer", "ms", what, "softras2d's quickest with as low an error", "ms", what,
               "softras2d / peer"]  # fmt: skip
     lines = []
@@ -127,7 +127,7 @@ def _by_scene(
     errors: dict[str, str],
     header: list[str],
 ) -> str:
-    """A table for each scene, the quickest way first."""
+    """A table for each scene, the fastest method first."""
     parts = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
         mine = [row for row in rows if row["scene"] == scene]

@@ -1,6 +1,6 @@
-"""Draw the textured scene by Skia and Cairo, as rectangles, which is fastest for them.
+"""Draw the textured scene by Skia and Cairo, as rectangles, which these libraries draw fastest.
 
-They use eight bits per channel and one thread. Blend2D's binding and OpenCV cannot draw a filtered
+Both use eight bits per channel and one thread. Blend2D's binding and OpenCV cannot draw a filtered
 image at fractions of a pixel, and are left out.
 """
 

@@ -2,7 +2,8 @@
 
 A tiling is the sum of its triangles, each of which is its colour times its indicator function. So
 the derivative is a sum of integrals along all edges of all triangles. On an edge that two triangles
-share, the difference of their colours remains. All is float64 and uses no code of the package.
+share, the difference of their colours remains. All computations are in float64 and use no code of
+the package.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ def position_gradient(
     weights: NDArray[np.float64],
     points: int = 32,
 ) -> NDArray[np.float64]:
-    """Gradient `[vertices, 2]` of the sum of box-filtered image times `weights` `[size, size, 3]`.
+    """Gradient `[vertices, 2]` of the sum of box-filtered pixels times `weights [size, size, 3]`.
 
     `colors` is `[triangles, 3]`; the midpoint rule has `points` along each pixel of an edge.
     """

@@ -39,7 +39,7 @@ _NEEDS = {
 
 
 def missing() -> list[str]:
-    """Names of the peers that are not installed, and are left out."""
+    """Names of the peers that are left out because they are not installed."""
     return [name for name, module in _NEEDS.items() if importlib.util.find_spec(module) is None]
 
 
@@ -70,7 +70,7 @@ def _few(subject: Subject) -> tuple[float, ...]:
 def _choices(subject: Subject, quick: bool) -> Iterator[tuple[str, str, Any, sr.Filter]]:
     """Yield family, label, coverage and filter of each mode.
 
-    In labels, `mip` is the trilinear filter, and `mip -1` the same with levels lowered by one.
+    In labels, `mip` is the trilinear filter; `mip -1` lowers its mip levels by one.
     """
     if not subject.textured:
         for choice in coverages(subject, quick):

@@ -1,7 +1,7 @@
 """Time two checkouts of softras2d against each other, in turn, on the same arrays.
 
-Each row of the table is timed in one process per checkout. Their calls alternate, so that drift of
-the machine affects both equally.
+Each row of the table is timed in one process per checkout. The calls of the two processes
+alternate, so that drift of the machine affects both equally.
 """
 
 import argparse
@@ -26,7 +26,7 @@ ROOT = HERE.parents[1]
 
 
 class Row(NamedTuple):
-    """What is timed: a scene, a coverage mode, and the image or its gradient."""
+    """A row of the table: a scene, a coverage mode, and a call for the image or the gradient."""
 
     name: str
     kind: str
@@ -59,17 +59,19 @@ ROWS = (
 """1,000 triangles on 512 x 512 px unless the name says otherwise; `Hard` has 16 samples."""
 
 _CALLS, _SECONDS = 15, 12.0
-"""Timed calls of each checkout, and seconds of both together after which no more follow."""
+"""Timed calls of each checkout, and a limit, in seconds, on the time of both together."""
 
 _OVERDRAW_SCALE = 20**0.5
-"""Enlarges triangles about their centres, so that 100 cover each pixel instead of 5."""
+"""Factor that enlarges triangles about their centres, so that 100 instead of 5 cover a pixel."""
 
 
 def main() -> None:
     """Write `results/times.json`, and fill the table of the README."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("before", type=Path, help="root of the other checkout")
-    parser.add_argument("--only", nargs="*", help="rows whose names contain one of these words")
+    parser.add_argument("before", type=Path, help="Root of the other checkout.")
+    parser.add_argument(
+        "--only", nargs="*", help="Time only rows whose names contain one of these words."
+    )
     arguments = parser.parse_args()
     rows = [row for row in ROWS if _is_wanted(row, arguments.only)]
     measured = []
@@ -134,7 +136,7 @@ def _measure(row: Row, before: Path, arrays: Path) -> dict[str, Any]:
         spent = 0.0
         while len(times[0]) < _CALLS and (spent < _SECONDS or len(times[0]) < 5):
             for worker, answers in zip((old, new), times, strict=True):
-                # An untimed call first, as the other process has filled the caches.
+                # An untimed call first, because the other process has filled the caches.
                 _ask(worker, "call")
                 answers.append(_ask(worker, "call"))
                 spent += 2e-3 * answers[-1]["wall_ms"]

@@ -1,7 +1,7 @@
-"""The work that is timed, in a process of its own that imports softras2d from some checkout.
+"""Render and differentiate scenes in a separate process, with softras2d of a given checkout.
 
-Reads one command per line from standard input, and answers each with a line of JSON. It imports
-nothing else of the project, because an old checkout has other experiments:
+The process reads one command per line from standard input, and answers each with a line of JSON.
+This file imports nothing else of the project, because an old checkout has other experiments:
 
     python work.py SCENES.npz
     prepare KIND COUNT SIZE COVERAGE CALL
@@ -43,7 +43,7 @@ def main() -> None:
             began, before = time.perf_counter(), _resident_mib()
             call()
             seconds = time.perf_counter() - began
-            # The second call allocates what the later ones use.
+            # The second call allocates the memory that later calls reuse.
             call()
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
             answer = {"first_s": seconds, "peak_mib": peak, "before_mib": before}
@@ -65,7 +65,7 @@ def _scene(arrays: Any, kind: str, count: int, size: int) -> Any:
 
 
 def _call(scene: Any, size: int, coverage: Any, what: str) -> Callable[[], object]:
-    """A compiled image, or the loss to noise with its gradient by positions and colours."""
+    """Compile the image, or the loss and its gradient with respect to positions and colours."""
     plan = sr.plan(scene, height=size, width=size, coverage=coverage)
     target = np.random.default_rng(1).random((size, size, 3), dtype=np.float32)
 

@@ -1,7 +1,7 @@
-"""Place labels beside points so that none covers another label or a point, or leaves the axes.
+"""Position labels beside points so that none covers another label or a point, or leaves the axes.
 
-The method is greedy. Points in crowds come first. Each label takes the cheapest of several
-positions around its point, and a label that is further away gets a line to the point.
+The method is greedy. Points with many close neighbours come first. Each label takes the cheapest of
+several positions around its point, and a label that is further away gets a line to the point.
 """
 
 # pyright: reportMissingImports=false
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 RADII_PX = (9, 14, 20, 28, 38, 50, 65, 82, 102, 125, 150)
 ANGLES = 24
 MARKER_PX = 7
-"""Half the side of the square around a point that labels keep clear of."""
+"""Half the side, in pixels, of the square around a point that labels must not cover."""
 LEADER_FROM_PX = 16
-"""Distance from which a label has a line to its point."""
+"""Length, in pixels, above which the line from a label to its point is drawn."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _option(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The box `x0, y0, x1, y1` of a label in one position, and its sampled line to the point."""
     way = np.array([np.cos(angle), np.sin(angle)])
-    # As far as the box's side is from its middle in that direction, and `radius` beyond.
+    # The distance from the box's middle to its side in this direction, plus `radius`.
     reach = np.min(size / 2 / np.maximum(np.abs(way), 1e-9))
     middle = point + way * (radius + reach)
     near = point + way * radius

@@ -44,6 +44,6 @@ def _draw_reference(scene: sr.Scene, size: int) -> Float[np.ndarray, "size size 
 
 
 def cache_programs(folder: Path) -> None:
-    """Cache all compiled programs in a folder, for runs that have many."""
+    """Cache all compiled programs in a folder, for runs that compile many programs."""
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -42,7 +42,7 @@ def fill_markers(path: Path, name: str, text: str) -> None:
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     page = path.read_text()
     if page.count(begin) != 1 or page.count(end) != 1:
-        raise ValueError(f"{path.name} must hold one {begin} and one {end}.")
+        raise ValueError(f"{path.name} must contain {begin} and {end}, each once.")
     before, rest = page.split(begin)
     after = rest.split(end)[1]
     filled = f"{before}{begin}\n\n{text}\n\n{end}{after}"
@@ -50,7 +50,7 @@ def fill_markers(path: Path, name: str, text: str) -> None:
 
 
 def fill_or_print(path: Path | None, texts: Mapping[str, str]) -> None:
-    """Fill texts into a file, by the names of their markers, or print them if there is no file."""
+    """Write each text between the markers of its name in a file, or print it if `path` is None."""
     for name, text in texts.items():
         if path is None:
             print(f"\n{text}")

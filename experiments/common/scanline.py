@@ -1,11 +1,12 @@
 """A supersampling scanline renderer, compiled by numba.
 
-With 32x32 samples per pixel it draws the reference; with fewer, it is timed beside softras2d.
+With 32x32 samples per pixel, it draws the reference image. With fewer samples, its time is compared
+with that of softras2d.
 
 It draws one row of samples at a time, which stays in the first cache level. It fills the row with
 background, draws the interval that each triangle covers, back to front, and adds the row to the row
-of pixels. The loops along a row are plain, so the compiler vectorises them. It is written for speed
-on one core; `threads=2` gives each thread its share of the rows.
+of pixels. The loops along a row are simple, so the compiler vectorises them. The renderer is
+written for speed on one core; `threads=2` divides the rows between two threads.
 
 **Source:** scan conversion of convex polygons, Foley et al., *Computer Graphics: Principles and
 Practice* (2nd edition, 1990), section 3.6.
@@ -113,7 +114,7 @@ def _set_up(corners, colors, rate, flat):
 
 @nb.njit(cache=True)
 def _interval(points, slopes, y, width):
-    """First and last sample on row `y` in a triangle's closure, clipped to `[0, width)`."""
+    """First and last sample of row `y` in a triangle, edges included, clipped to `[0, width)`."""
     low, high = np.inf, -np.inf
     for c in range(3):
         ya, yb = points[c, 1], points[(c + 1) % 3, 1]
@@ -131,9 +132,9 @@ def _interval(points, slopes, y, width):
 
 @nb.njit(cache=True, fastmath=True)
 def _span(samples, start, step, alpha):
-    """Draw one channel of a run of samples, in colours `start + step * i`.
+    """Draw one channel of consecutive samples, in colours `start + step * i`.
 
-    Runs are slices, whose indices start at zero, so that the compiler vectorises the loop.
+    `samples` is a slice, whose indices start at zero, so that the compiler vectorises the loop.
     """
     if alpha == 1.0:
         if step == 0.0:
@@ -156,7 +157,7 @@ def _span(samples, start, step, alpha):
 def _add_groups(row, rate, total):
     """Add each run of `rate` neighbouring samples to its pixel of `total`."""
     if rate == 4:
-        # The rate that is timed against the others; a fixed count lets the compiler unroll.
+        # The rate that is compared with other renderers; a fixed count lets the compiler unroll.
         for x in range(total.shape[0]):
             total[x] += row[4 * x] + row[4 * x + 1] + row[4 * x + 2] + row[4 * x + 3]
     else:

@@ -9,10 +9,10 @@ KINDS = ("flat", "flat_a50", "gouraud", "gouraud_a50")
 COUNTS = (100, 1_000, 10_000, 100_000)
 SIZES_PX = (512, 1024)
 
-# Nearly one half, and exact in eight bits, so that renderers that store bytes lose nothing.
+# Nearly one half, and exact in eight bits, so that renderers that store bytes do not round it.
 HALF = np.float32(128 / 255)
 
-# Circumradius over canvas side that makes 1000 triangles add up to about five canvases.
+# Circumradius divided by the canvas side, for which 1000 triangles add up to about five canvases.
 _RADIUS = 0.0655
 
 
@@ -49,8 +49,9 @@ class Soup:
 def random_soup(count: int, size: int, kind: str = "flat", seed: int = 0) -> Soup:
     """`count` triangles at uniform positions and angles on a `size` x `size` canvas.
 
-    Sides average a tenth of the canvas up to 1000 triangles; beyond, they shrink so that the
-    summed area stays at five canvases. Positions scale with `size`; kinds share positions.
+    With up to 1000 triangles, sides average a tenth of the canvas. With more triangles, sides are
+    shorter, so that the summed area stays at five canvases. Positions scale with `size`, and are
+    the same for all kinds.
     """
     if kind not in KINDS:
         raise ValueError(f"`kind` must be one of {', '.join(KINDS)}; got {kind!r}.")

@@ -10,10 +10,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Times:
-    """Milliseconds of one call: `median` and `least` of wall-clock time, `cpu` of processor time.
+    """Milliseconds of one call: median and least wall-clock time, and processor time (`cpu`).
 
-    `cpu` is the median of the processor time of all threads of this process. If it is well below
-    `median`, the machine was busy with something else; if well above, several cores worked.
+    `cpu` is the median of the processor time of all threads of this process. If `cpu` is well
+    below `median`, the machine was busy with something else. If `cpu` is well above `median`,
+    several cores worked.
     """
 
     median: float
@@ -30,19 +31,19 @@ def interleave(
 ) -> dict[str, Times]:
     """Time every contestant once per round, in an order that rotates; return the times of each.
 
-    A contestant returns when its work is done (block on asynchronous results). Each is warmed up
-    by one call before all rounds, and before each timed call by an untimed one, since the
-    contestant before it has filled the caches. Contestants that take more than their share of
-    `budget_s` get fewer rounds, five at least if a call takes under half a second and three above,
-    and no untimed call.
+    A contestant must return when its work is done (block on asynchronous results). Each contestant
+    is called once before all rounds, to compile. An untimed call precedes each timed call, since
+    the previous contestant has filled the caches. Contestants that take more than their share of
+    `budget_s` get fewer rounds and no untimed call: at least five rounds if a call takes under half
+    a second, else at least three.
     """
     names = list(contestants)
     warm_s = {name: _warm_up(contestants[name]) for name in names}
     share_s = budget_s / max(1, len(names))
     wanted = {name: _rounds(warm_s[name], share_s, rounds) for name in names}
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
-    # Among the objects of many compiled programs, one garbage collection takes half a second: the
-    # existing ones are excluded from it.
+    # With the objects of many compiled programs, one garbage collection takes half a second, so the
+    # existing objects are excluded from collections.
     gc.collect()
     gc.freeze()
     try:
@@ -63,7 +64,7 @@ def _rounds(call_s: float, share_s: float, most: int) -> int:
 
 
 def _warm_up(call: Callable[[], object]) -> float:
-    """Seconds of the second call; the first compiles and allocates."""
+    """Seconds of the second call; the first call compiles and allocates."""
     call()
     return _timed(call, warm=False)[0]
 

@@ -1,1 +1,1 @@
-"""What does each effect of a scene cost?"""
+"""Measure what each effect of a scene costs in time and memory."""

@@ -18,7 +18,7 @@ PACKAGES = ("jax", "jaxlib", "equinox", "numpy", "softras2d")
 
 
 def price(name: str) -> list[dict[str, Any]]:
-    """A row for the scene and one for each of its effects."""
+    """One row for the scene with all effects, and one row for the scene without each effect."""
     scene = scenes.read(name, height=SIZE, width=SIZE)
     coverage = sr.Hard(samples=SAMPLES)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, filter=FILTER)
@@ -64,15 +64,17 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Price the effects of the bundled scenes.")
-    parser.add_argument("--only", default="", help="scenes, by comma")
+    parser = argparse.ArgumentParser(
+        description="Measure what the effects of the bundled scenes cost."
+    )
+    parser.add_argument("--only", default="", help="Names of scenes, separated by commas.")
     only = {name for name in parser.parse_args().only.split(",") if name}
     names = [name for name in scenes.names() if not only or name in only]
     rows: list[dict[str, Any]] = []
     for name in steps(names, "pricing"):
         rows += price(name)
         if not only:
-            # Write after each scene, so that an interrupted run leaves results.
+            # Write after each scene, so that results remain if the run is interrupted.
             report.write_csv(HERE / "results" / "prices.csv", rows)
             report.fill_markers(HERE / "README.md", "prices", table(rows))
     if only:

@@ -1,4 +1,4 @@
-"""What does texturing every sample cost, against samples in flat colours?
+"""Compare the time of texturing every sample with the time of samples in flat colours.
 
 python -m experiments.effects_cost.shading
 """
@@ -41,7 +41,7 @@ def canvas_of_squares(cells: int) -> sr.Scene:
 
 
 def contestants(cells: int) -> dict[str, Any]:
-    """Programs to time, by name."""
+    """Programs to time, by their names in the table."""
     textured = canvas_of_squares(cells)
     flat = replace(textured, uv=None, texture_index=None, textures=None)
     # These corner colours are evaluated at each sample, without a texture.
@@ -74,7 +74,7 @@ def _render(scene: sr.Scene, filter: sr.Filter | None = None, shading: str = "sa
 def _loops(flat: sr.Scene) -> dict[str, Any]:
     """Calls of the compiled loop over samples, in flat colours, by name.
 
-    Its canvas is square, with as many pixels as the canvas of the package.
+    The loop's canvas is square, with as many pixels as the canvas of the package.
     """
     from ..hard_speed import scalar_loop
 

@@ -1,6 +1,7 @@
 """The exact gradient of a weighted sum of box-filtered pixels, triangles in painter's order.
 
-It is a quadrature in float64, compiled, that shares no code or data structures with the package.
+A compiled quadrature in float64 computes the gradient, and shares no code or data structures with
+the package.
 
 - Boundary term: at many points along each edge, the composite is evaluated with and without the
   edge's triangle, from a list of the triangles near the point.
@@ -24,7 +25,7 @@ _TILE = 16
 def position_gradient(
     soup: Soup, weights: NDArray[np.float64], points: int = 32, rate: int = 8
 ) -> NDArray[np.float64]:
-    """The gradient `[triangles, 3, 2]` by the corners.
+    """The gradient `[triangles, 3, 2]` with respect to the corners.
 
     The quadrature has `points` points per pixel along edges, and `rate` x `rate` per pixel inside
     triangles.
@@ -48,7 +49,7 @@ def position_gradient(
 
 
 def _planes(corners: NDArray[np.float64], colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Colour and alpha at the origin and their gradients by x and y, `[triangles, 4, 3]`."""
+    """Colour and alpha at the origin, and their derivatives along x and y; `[triangles, 4, 3]`."""
     ones = np.ones((*corners.shape[:2], 1))
     planes = np.linalg.solve(np.concatenate([ones, corners], 2), colors)
     return planes.transpose(0, 2, 1).astype(np.float64)
@@ -76,7 +77,7 @@ def _contains(corners, number, x, y):
 
 @nb.njit(cache=True)
 def _jump(corners, planes, background, members, first, last, triangle, x, y, weight):
-    """How much the weighted composited colour at a point changes if `triangle` covers it."""
+    """Change of the weighted composited colour at a point if `triangle` covers the point."""
     transmittance, behind = 1.0, 0.0
     color = 0.0
     for channel in range(3):

@@ -34,7 +34,7 @@ MODES: dict[str, sr.Hard | sr.Soft | sr.Area] = {
 
 
 FEW = ("hard, 4", "hard, 16", "soft, 0.8 px", "area")
-"""Modes that are measured on scenes that are not flat and opaque."""
+"""Modes that are measured on scenes with translucent triangles or corner colours."""
 
 
 class Programs:
@@ -81,8 +81,8 @@ def error(a: Any, b: Any) -> float:
 
 
 def rows_of(soup: Soup, targets: dict[str, np.ndarray]) -> Iterator[dict[str, Any]]:
-    """A row for every target, mode and peer on one scene; for one target, all are timed in turn."""
-    # A gradient at 256 samples of translucent corner colours would take 30 GB.
+    """A row for each target, mode and peer on one scene. All of one target are timed in turn."""
+    # The gradient of translucent corner colours at 256 samples per pixel would take 30 GB.
     fine = Programs(soup, sr.Hard(256, edge_gradients=False)) if soup.opaque else None
     scene = scene_of(soup)
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(256))
@@ -144,9 +144,9 @@ def main() -> None:
     parser.add_argument(
         "--kinds",
         default="flat,flat_a50,gouraud,gouraud_a50",
-        help="scenes to measure; the rows of others stay",
+        help="Scenes to measure; results of other scenes are kept.",
     )
-    parser.add_argument("--photograph", type=Path, help="a target beside white noise")
+    parser.add_argument("--photograph", type=Path, help="A second target, besides white noise.")
     options = parser.parse_args()
     rng = np.random.default_rng(SEED)
     targets = {"white noise": rng.random((SIZE, SIZE, 3), dtype=np.float32)}

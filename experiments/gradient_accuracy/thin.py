@@ -3,9 +3,9 @@
     python -m experiments.gradient_accuracy.thin
 
 Triangles that do not touch each other lie on a white canvas, so that the gradient of `Area` is the
-exact one. The program prints the scale and the cosine for each kind of triangle and of colour. The
-scale is the factor by which the exact gradient comes nearest to the measured one; below 1, edges
-are missing.
+exact gradient. The program prints the scale and the cosine for each kind of triangle and of colour.
+The scale is the factor by which the exact gradient must be multiplied to come nearest to the
+measured gradient; below 1, edges are missing.
 """
 
 from dataclasses import replace
@@ -51,7 +51,7 @@ def scene_of(rng: np.random.Generator, side: float, height: float | None, corner
 
 
 def gradient_of(scene: sr.Scene, coverage: sr.Hard | sr.Area, weights: np.ndarray) -> np.ndarray:
-    """Gradient by positions, `[vertices, 2]`, of the sum of the image times weights."""
+    """Gradient `[vertices, 2]` with respect to positions of the sum of the image times weights."""
     plan = sr.plan(scene, height=SIDE, width=SIDE, coverage=coverage)
 
     def loss(positions: jax.Array) -> jax.Array:
@@ -61,7 +61,7 @@ def gradient_of(scene: sr.Scene, coverage: sr.Hard | sr.Area, weights: np.ndarra
 
 
 def measure(side: float, height: float | None, corners: int) -> tuple[float, float]:
-    """Scale and cosine, to the exact one, of the gradient at 16 samples per pixel."""
+    """Scale and cosine of the gradient at 16 samples per pixel, against the exact gradient."""
     product = exact = found = 0.0
     for seed in range(REPEATS):
         rng = np.random.default_rng(seed)

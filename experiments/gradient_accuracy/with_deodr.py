@@ -50,7 +50,10 @@ class Deodr:
         )
 
     def loss(self, target: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The image, and the gradient of its mean squared error by positions and by colours."""
+        """The image, and gradients of the loss with respect to positions and to colours.
+
+        The loss is the mean squared error.
+        """
         scene, rate, size = self.scene, self.rate, self.size
         scene.clear_gradients()
         large, _ = scene.render(1.0)

@@ -47,7 +47,7 @@ def main() -> None:
                     if error > TOLERANCE:
                         raise ValueError(
                             f"the {name} is off by {error:.2g} on {kind} at {rate}x{rate} samples "
-                            f"with {threads} threads; at most {TOLERANCE:.0e} was wanted."
+                            f"with {threads} threads; at most {TOLERANCE:.0e} is accepted."
                         )
     canvas = np.random.default_rng(0).integers(0, 256, (40, 24, 4)).astype(np.uint8)
     for rate in (2, 4):

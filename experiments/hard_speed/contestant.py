@@ -1,4 +1,4 @@
-"""One renderer of the comparison, which fills one row of the tables."""
+"""The interface of a renderer in the comparison; each renderer is one row of the tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Contestant:
-    """A way to draw one scene.
+    """A renderer that draws one scene.
 
-    - `family`: who draws: "softras2d", "scanline", "scalar loop" or the name of a peer.
+    - `family`: name of the renderer: "softras2d", "scanline", "scalar loop" or a peer.
     - `sampling`: how pixels are averaged: "16 samples", "4x4 canvas", "anti-aliased".
-    - `threads`: number of threads that it may use.
+    - `threads`: number of threads that the renderer may use.
     - `draw()` does the timed work and returns when it is done.
     - `image(drawn)` turns what `draw` returned into `[size, size, 3]` float32, untimed.
     """

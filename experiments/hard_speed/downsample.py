@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 def box(canvas: NDArray[np.uint8], rate: int) -> NDArray[np.float32]:
     """Mean of `rate` x `rate` pixels: `[height * rate, width * rate, 3 or 4]` bytes to floats 0..1.
 
-    Compiled, one thread, and sums in integers. Four channels at rate 4 take a path that adds two
-    channels in one 32-bit word. Channels keep their order; a fourth is dropped.
+    The function is compiled, runs on one thread and sums integers. Four channels at rate 4 take a
+    path that adds two channels in one 32-bit word. Channels keep their order; a fourth channel is
+    dropped.
     """
     height, width, channels = canvas.shape
     out = np.empty((height // rate, width // rate, 3), np.float32)
@@ -39,7 +40,7 @@ def _box(canvas: Any, rate: int, out: Any) -> None:
 
 @nb.njit(cache=True)
 def _box_words(canvas: Any, out: Any) -> None:
-    """Sixteen bytes sum to less than 2^16, so that channels 0 and 2 of a word do not overlap."""
+    """Sum two channels at once: sixteen bytes sum to less than 2^16, so the sums do not overlap."""
     scale = np.float32(1.0 / (255.0 * 16))
     even, low = np.uint32(0x00FF00FF), np.uint32(0x000000FF)
     for y in range(out.shape[0]):

@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from ..common.scenes import COUNTS
 from .times import Entry, Times
 
-# Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
+# Colours that colour-blind readers can distinguish: Okabe and Ito, *Color Universal Design* (2008).
 COLORS = {
     "softras2d": "#D55E00",
     "scanline": "#0072B2",

@@ -1,8 +1,8 @@
-"""Measure the first render and peak memory, which need a separate process.
+"""Measure the first render and peak memory of a separate process.
 
     python -m experiments.hard_speed.fresh KIND COUNT SIZE SAMPLES
 
-prints one line of JSON; `measure` runs that with JAX's persistent compilation cache off.
+prints one line of JSON; `measure` runs this command with JAX's persistent compilation cache off.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def measure(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
-    """Seconds and mebibytes of a fresh process that draws one scene, then a similar one.
+    """Seconds and mebibytes of a fresh process that draws one scene, then a similar scene.
 
     - `first_s`: scene, plan and first render, compilation included, but not the imports.
     - `first_render_s`: the first render alone.
@@ -52,7 +52,7 @@ def _draw_two(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
 
     from .ours import package_scene
 
-    # Names are imported on first use: import them here, so that the time of imports is not counted.
+    # The package imports names on first use; import them here, so that no import is timed.
     plan_scene, render, hard = sr.plan, sr.render, sr.Hard(samples=samples)
     result: dict[str, Any] = {"import_s": lap(), "import_mib": _peak_mib()}
     first = random_soup(count, size, kind)
@@ -76,7 +76,7 @@ def _draw_two(kind: str, count: int, size: int, samples: int) -> dict[str, Any]:
 def _peak_mib() -> float:
     """Largest resident set of this program so far (Linux).
 
-    Not by `getrusage`: its value survives `exec`, so it could be the peak of the parent process.
+    `getrusage` is no alternative: its value survives `exec`, so it may be the parent's peak.
     """
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) / 1024  # pyright: ignore

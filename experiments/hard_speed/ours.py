@@ -13,7 +13,7 @@ CORES = os.cpu_count() or 1
 
 
 def softras2d(soup: Soup, samples: int) -> Contestant:
-    """Hard mode: one call of `render` until its image is ready, with a plan made beforehand.
+    """Time `render` in hard mode, until the image is ready, with a plan made beforehand.
 
     Binning is part of `render`; the plan only has capacities. The scene stores as few colours as
     possible: one per triangle if flat, and three channels if opaque.

@@ -1,4 +1,4 @@
-"""Time exact supersampling against compiled loops and 2-D libraries; see the README beside this.
+"""Time exact supersampling against compiled loops and 2-D libraries; see the README in this folder.
 
 python -m experiments.hard_speed.run [--quick] [--only FAMILY,FAMILY]
 """
@@ -37,7 +37,7 @@ PACKAGES = (
 class Cell(NamedTuple):
     """One scene: softras2d at all `samples`, the loops at all `loop_samples`.
 
-    The slowest contestants draw fewer scenes, as their times grow like those of the quicker ones:
+    The slowest contestants draw fewer scenes, as their times grow like those of faster ones:
     the scalar loop draws only scenes of 512 px, and anti-aliasing on a large canvas only the scene
     that all contestants draw.
     """
@@ -52,8 +52,8 @@ class Cell(NamedTuple):
 def cells(quick: bool, every: bool = False) -> Iterator[Cell]:
     """Scenes to draw: all numbers of samples for 1000 triangles at 512 px, else 16 samples.
 
-    Without `every`, only the scenes of the targets: all counts of flat opaque triangles at 512 px,
-    and 1000 and 100,000 of the others.
+    Without `every`, only the scenes that the targets need: all numbers of flat opaque
+    triangles at 512 px, and 1000 and 100,000 triangles of the other kinds.
     """
     if quick:
         yield Cell("flat", 1000, 512, (1, 4, 16, 64), (16,))
@@ -141,11 +141,17 @@ def measure_fresh(quick: bool) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Time exact supersampling.")
-    parser.add_argument("--quick", action="store_true", help="one scene; results go to cache/quick")
-    parser.add_argument("--all", action="store_true", help="every scene at both sizes")
-    parser.add_argument("--fresh", action="store_true", help="first renders and memory again")
-    parser.add_argument("--only", default="", help="families to run, by comma: softras2d,Skia,...")
+    parser = argparse.ArgumentParser(description="Measure the time of exact supersampling.")
+    parser.add_argument(
+        "--quick", action="store_true", help="Draw only one scene; results go to cache/quick."
+    )
+    parser.add_argument("--all", action="store_true", help="Draw every scene at both sizes.")
+    parser.add_argument(
+        "--fresh", action="store_true", help="Measure only first renders and memory again."
+    )
+    parser.add_argument(
+        "--only", default="", help="Renderers, separated by commas: softras2d,Skia,..."
+    )
     arguments = parser.parse_args()
     only = {name for name in arguments.only.split(",") if name}
     results = CACHE / "quick" if arguments.quick or only else HERE / "results"
@@ -159,7 +165,7 @@ def main() -> None:
     began = time.perf_counter()
     check.main()
     for name in peers.missing():
-        print(f"left out, its library is not installed: {name}")
+        print(f"left out because its library is not installed: {name}")
     run: dict[str, Any] = {
         "seed": 0,
         "precision": "float32",

@@ -1,10 +1,10 @@
 """The plain way to supersample, compiled: test every sample of every triangle's bounding box.
 
-This is what a careful programmer writes first. Triangles are drawn back to front, with three edge
-functions per sample; a row is left at the far side of the triangle. Samples are float32, on a
-canvas `rate` times as large, averaged at the end. The loop does one operation at a time;
-`common/scanline.py` draws the same image by rows. With two threads, each draws all triangles on its
-half of the rows.
+A careful programmer would write this loop first. Triangles are drawn back to front, with three edge
+functions per sample; the loop leaves a row where the row leaves the triangle. Samples are float32,
+on a canvas `rate` times as large, averaged at the end. The loop does one operation at a time;
+`common/scanline.py` draws the same image by rows. With two threads, each thread draws all triangles
+on half of the rows.
 
 **Source:** Pineda, *A Parallel Algorithm for Polygon Rasterization* (SIGGRAPH 1988).
 """

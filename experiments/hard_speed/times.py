@@ -10,7 +10,7 @@ from pathlib import Path
 class Entry:
     """Times of one contestant on one scene, as `run.py` writes them.
 
-    `rmse` is None for contestants that time calls alone.
+    `rmse` is None for contestants that only time calls and draw no image.
     """
 
     kind: str
@@ -25,7 +25,7 @@ class Entry:
 
     @property
     def label(self) -> str:
-        """Family and sampling, and the threads where there are several."""
+        """Family and sampling, and the number of threads if there are several."""
         cores = f", {self.threads} threads" if self.threads > 1 else ""
         return f"{self.family}, {self.sampling}{cores}"
 

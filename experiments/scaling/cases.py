@@ -1,4 +1,4 @@
-"""The scenes whose cost is measured; each is made larger along one axis at a time."""
+"""The scenes whose cost is measured; each axis varies one size of a base scene."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ class Axis:
             yield size, replace(self.base, **{self.field: size})
 
 
-# Most sizes lie in the upper half of each range on a log scale, which is fitted.
+# Most sizes lie in the upper half of each range on a log scale, which is used for the fit.
 _OVERDRAW = (1.0, 3.16, 10.0, 17.8, 31.6, 56.2, 100.0)
 AXES = (
     Axis(
@@ -91,9 +91,9 @@ def soups(case: Case) -> list[Soup]:
 
 
 def with_overdraw(soup: Soup, overdraw: float) -> Soup:
-    """Scale every triangle about its centre, so that their areas add up to `overdraw` canvases.
+    """Scale triangles about their centres, so that their areas add up to `overdraw` canvases.
 
-    Areas beyond the border count, so that the overdraw of pixels is a little less.
+    Areas outside the canvas count, so that the overdraw of pixels is a little lower.
     """
     corners = soup.corners.astype(np.float64)
     centre = corners.mean(1, keepdims=True)

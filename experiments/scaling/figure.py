@@ -22,7 +22,7 @@ from .growth import WHAT
 from .visits import COUNTED, OURS, YARDSTICK
 
 HERE = Path(__file__).parent
-# Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
+# Colours that colour-blind readers can distinguish: Okabe and Ito, *Color Universal Design* (2008).
 COLORS = {"image": "#0072B2", "gradient": "#D55E00"}
 MARKERS = {"image": "o", "gradient": "s"}
 COSTS = {"time": ("least_ms", "least time a call (ms)"), "memory": ("memory_mib", "memory (MiB)")}
@@ -96,7 +96,7 @@ def _draw_growth(axes: Any, rows: list[Row], name: str, cost: str) -> None:
             axes.plot(ends, [_fitted(found, size) for size in ends], color="black", linewidth=1.2)
     axes.set(xscale="log", yscale="log", xlabel=LABELS[name])
     low, high = axes.get_ylim()
-    # Leave space for the legend above the lines, and show at least a decade, to compare slopes.
+    # Leave space for the legend above the lines. Show at least a decade, so that slopes compare.
     high = max(high, 10 * low)
     axes.set_ylim(low, high * (high / low) ** 0.35)
     axes.grid(alpha=0.3)

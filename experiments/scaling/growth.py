@@ -34,7 +34,7 @@ class Program:
         self.compile_s = time.perf_counter() - began
         held = self.compiled.memory_analysis()
         if held is None:
-            raise ValueError("this backend does not tell what memory a program takes.")
+            raise ValueError("this backend does not report the memory that a program takes.")
         self.argument_memory = held.argument_size_in_bytes
         self.memory = (
             held.argument_size_in_bytes
@@ -67,7 +67,7 @@ class Drawing:
         self.over_batch = case.batch > 1
 
     def program(self, what: str) -> Program:
-        """Compile `"image"` (with overflow flag) or `"gradient"` (by positions and colours)."""
+        """Compile `"image"` (with overflow flag), or `"gradient"` (positions and colours)."""
         return self._image() if what == "image" else self._gradient()
 
     def _image(self) -> Program:
@@ -100,7 +100,7 @@ def _stack(*leaves: Any) -> Any:
 def measure_axis(
     axis: Axis, known: dict[Case, list[dict[str, Any]]], budget_s: float
 ) -> list[dict[str, Any]]:
-    """Two rows per size, for image and gradient; `known` caches cases shared by several axes."""
+    """Two rows per size, for image and gradient; `known` caches cases that several axes share."""
     rows: list[dict[str, Any]] = []
     for size, case in axis.cases():
         if case not in known:

@@ -2,8 +2,8 @@
 
     python -m experiments.scaling.memory WHAT KIND TRIANGLES SIZE_PX SAMPLES OVERDRAW BATCH
 
-prints one line of JSON; `measure` runs that. Linux only: it reads and resets VmHWM, the largest
-resident set so far.
+prints one line of JSON; `measure` runs this command. Linux only: the program reads and resets
+VmHWM, the largest resident set so far.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Measure how time and memory grow, and what traversal costs; see the README beside this.
+"""Measure how time and memory grow, and what traversal costs; see the README in this folder.
 
 python -m experiments.scaling.run [--quick] [--only AXIS,AXIS] [--parts growth,memory,traversal]
 """
@@ -24,12 +24,12 @@ MEMORY_CASES = (
     ("gradient", Case(samples=256)),
     ("gradient", Case(triangles=100, size_px=128, batch=64)),
 )
-"""Cases that are also drawn in separate processes."""
+"""Cases that are also drawn in separate processes, to measure memory."""
 QUICK_MEMORY_CASES = (("gradient", Case(size_px=256)),)
 
 
 def growth_rows(axes: tuple[Axis, ...], path: Path, budget_s: float) -> list[dict[str, Any]]:
-    """Rows of all axes, written after each, so that an interrupted run leaves results."""
+    """Rows of all axes, written after each, so that results remain if the run is interrupted."""
     known: dict[Case, list[dict[str, Any]]] = {}
     rows: list[dict[str, Any]] = []
     for axis in axes:
@@ -42,10 +42,16 @@ def growth_rows(axes: tuple[Axis, ...], path: Path, budget_s: float) -> list[dic
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="small sizes, into cache/quick")
-    parser.add_argument("--only", default="", help="axes, by comma, into cache/part")
     parser.add_argument(
-        "--parts", default=",".join(PARTS), help="of the run, by comma, into cache/part"
+        "--quick", action="store_true", help="Run small sizes; results go to cache/quick."
+    )
+    parser.add_argument(
+        "--only", default="", help="Axes, separated by commas; results go to cache/part."
+    )
+    parser.add_argument(
+        "--parts",
+        default=",".join(PARTS),
+        help="Parts, separated by commas; results go to cache/part.",
     )
     options = parser.parse_args()
     only = {name for name in options.only.split(",") if name}

@@ -1,9 +1,9 @@
 """Ways to compute which triangle is visible at each sample, from the plainest to tile lists.
 
-All test the same integer edge functions, with vertices on the package's grid, so that all give
-the same triangle at every sample. Each fills `owner [rows, columns]` with the index of the
-triangle in front, -1 where there is none; the last has no such canvas and sums colours at once.
-Sample (i, j) is column i of row j; later triangles lie in front.
+All methods test the same integer edge functions, with vertices on the package's grid, so that all
+agree on the visible triangle of every sample. Each method fills `owner [rows, columns]` with the
+index of the visible triangle, -1 where there is none. Only the last method stores no samples: it
+adds colours to the image at once. Sample (i, j) is column i of row j; later triangles lie in front.
 
 **Source:** edge functions, Pineda, *A Parallel Algorithm for Polygon Rasterization* (SIGGRAPH
 1988); masks and tiles, Greene, *Hierarchical Polygon Tiling with Coverage Masks* (SIGGRAPH 1996).
@@ -130,7 +130,7 @@ def early_exit(edges, boxes, owner):
 
 @compiled
 def _first_inside(value, step):
-    """The least i with `value + i step >= 0`, for `step > 0`: guessed in floats, then corrected."""
+    """The least i with `value + i step >= 0`, for `step > 0`; a float estimate, corrected."""
     guess = np.int64(np.ceil(-np.float64(value) / np.float64(step)))
     if value + guess * step < 0:
         return guess + 1
@@ -175,7 +175,7 @@ def count_covered(edges, boxes):
 
 @compiled
 def _mask(first, last):
-    """A word with ones at bits `first..last`; they may lie beyond it on either side."""
+    """A word with ones at bits `first..last`, both of which may lie outside the word."""
     first, last = max(first, 0), min(last, TILE - 1)
     if first > last:
         return np.uint32(0)
@@ -191,7 +191,7 @@ def _write(samples, word, t):
 
 @compiled
 def bit_masks(edges, boxes, owner):
-    """Draw front to back with a bit per covered sample, so that 32 are skipped at once."""
+    """Draw front to back with a bit per covered sample, so that 32 samples are skipped at once."""
     covered = np.zeros((owner.shape[0], owner.shape[1] // TILE), np.uint32)
     for t in range(boxes.shape[0] - 1, -1, -1):
         left, right, top, bottom = boxes[t]
@@ -209,7 +209,7 @@ def bit_masks(edges, boxes, owner):
 
 @compiled
 def _touches(edges, t, column, row):
-    """Whether each edge has some sample of the tile inside."""
+    """Whether, for each edge, some sample of the tile lies on the inner side."""
     for k in range(3):
         value, right, down = edges[t, k]
         most = value + right * column * TILE + down * row * TILE

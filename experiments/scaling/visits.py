@@ -35,7 +35,7 @@ _NO_TRIANGLE = 2**17
 
 
 def scenes(quick: bool) -> Iterator[tuple[str, Soup]]:
-    """Scenes by name, all flat and opaque: three, or (`quick`) a small one."""
+    """Flat opaque scenes by name: three scenes, or one small scene if `quick`."""
     if quick:
         yield "diagonal slivers", slivers(60, 128)
         return
@@ -98,12 +98,12 @@ class Table(NamedTuple):
 
 
 def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
-    """A row for every way to draw the scene.
+    """A row for each method of drawing the scene.
 
-    `find_ms` is the time until the triangle in front of every sample is known, edges and boxes
-    (`set_up_ms` of it) included. `resolve_ms` is the time of averaging their colours, which is the
-    same for all loops. Methods that do both at once have `find_ms` alone. Counts of samples belong
-    to the scene, not to the method.
+    `find_ms` is the time until the visible triangle of every sample is known. It includes
+    `set_up_ms`, the time of edges and boxes. `resolve_ms` is the time of averaging the colours of
+    the samples, which is the same for all loops. Methods that do both at once have
+    only `find_ms`. Counts of samples belong to the scene, not to the method.
     """
     table = Table.of(soup)
     package = ours.softras2d(soup, traversal.RATE**2)
@@ -137,8 +137,8 @@ def compare(name: str, soup: Soup, budget_s: float) -> list[dict[str, Any]]:
 def check(table: Table, drawn: NDArray[np.float32]) -> None:
     """Raise `ValueError` unless all methods give the same visible triangle at every sample.
 
-    `drawn` is the package's image. The samples of the package are found by drawing them as pixels
-    of a larger canvas, with the same grid and a colour for each triangle.
+    `drawn` is the package's image. The samples of the package are drawn as pixels of a
+    larger canvas, with the same grid and a colour for each triangle.
     """
     wanted = shown_by_package(table.soup)
     for way, loop in LOOPS.items():
@@ -165,7 +165,7 @@ def shown_by_package(soup: Soup) -> NDArray[np.int32]:
 
 
 def count_samples(table: Table) -> dict[str, int]:
-    """Samples in all bounding boxes, covered by all triangles, and shown."""
+    """Samples in bounding boxes and in triangles, summed over triangles, and visible samples."""
     edges, boxes = table.shapes()
     sides = np.maximum(boxes[:, [1, 3]] - boxes[:, [0, 2]] + 1, 0)
     return {

@@ -1,7 +1,7 @@
 """Peers that pip installs: 2-D libraries, each used in its fastest way on one thread.
 
 For all of them, coordinates and colours are converted beforehand to the numbers that the calls of
-the library take, and canvases are made once and reused. Timed are the building of paths, clearing,
+the library take, and canvases are made once and reused. The time includes building paths, clearing,
 drawing and, on a large canvas, the box filter. A peer that is not installed is left out.
 """
 
@@ -10,7 +10,7 @@ import importlib
 from ...common.scenes import Soup
 from ..contestant import Contestant
 
-# The library that each module of this folder needs.
+# Module of this folder, and the library that it needs.
 _NEEDS = {
     "with_skia": "skia",
     "with_blend2d": "blend2d",

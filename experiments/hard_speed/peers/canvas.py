@@ -26,7 +26,7 @@ def contestant(
 ) -> Contestant:
     """A contestant on one thread, whose `draw()` returns a canvas `rate` times as wide and high.
 
-    The canvas is of RGBA or (`reverse`) BGRA bytes. At rates above one, the time includes the box
+    The canvas has RGBA or (`reverse`) BGRA bytes. At rates above one, the time includes the box
     filter to floats; at rate one the result is bytes, as these libraries intend.
     """
 

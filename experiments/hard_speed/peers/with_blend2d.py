@@ -1,4 +1,4 @@
-"""Blend2D: exact-area anti-aliasing, which cannot be turned off; the binding fills flat only."""
+"""Blend2D: exact-area anti-aliasing, which cannot be turned off, and flat colours only."""
 
 # pyright: reportMissingImports=false
 

@@ -1,7 +1,8 @@
 """OpenCV: `fillConvexPoly`, flat colours only.
 
-It paints the outline too, half a pixel outside the polygon, hence its large error. It has no
-blending: translucent triangles go to a copy of their bounding box, which is then mixed in.
+OpenCV also paints the outline, half a pixel outside the polygon, so its error is large. It does not
+blend: translucent triangles are drawn into a copy of their bounding box, which is then mixed with
+the canvas.
 """
 
 # pyright: reportMissingImports=false
@@ -16,7 +17,7 @@ from ...common.scenes import Soup
 from ..contestant import Contestant
 from . import canvas
 
-# Fixed-point digits of coordinates, in bits.
+# Fractional bits of fixed-point coordinates.
 _SHIFT = 8
 
 
@@ -51,7 +52,7 @@ def _translucent(soup: Soup, rate: int, line: int) -> Callable[[], NDArray[np.ui
     pixels, points, colors = _prepared(soup, rate)
     alpha = float(soup.colors[0, 0, 3])
     side = pixels.shape[0]
-    # Two pixels more on every side: the outline, and its anti-aliasing.
+    # Two more pixels on every side, for the outline and its anti-aliasing.
     low = np.clip((points.min(1) >> _SHIFT) - 2, 0, side)
     high = np.clip((points.max(1) >> _SHIFT) + 3, 0, side)
     boxes = np.concatenate([low, high], axis=1).tolist()

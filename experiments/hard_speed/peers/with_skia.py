@@ -1,7 +1,8 @@
 """Skia: one path per triangle for flat colours, one `Vertices` for corner colours.
 
-Skia does not anti-alias `Vertices` on the processor, so corner colours come at one sample or on
-a large canvas. `Vertices` also serve flat colours, but take six times as long as paths there.
+Skia does not anti-alias `Vertices` on the processor, so corner colours are drawn at one sample
+per pixel or on a large canvas. `Vertices` also serve flat colours, but take six times as
+long as paths.
 """
 
 # pyright: reportMissingImports=false
@@ -74,7 +75,7 @@ def _mesh(soup: Soup, rate: int, anti_alias: bool, side: int) -> Callable[[], ND
         mesh = skia.Vertices(
             skia.Vertices.kTriangles_VertexMode, [skia.Point(x, y) for x, y in points], None, colors
         )
-        # `kDst` is "the corner colours alone": half the time of multiplying by a white paint.
+        # `kDst` uses the corner colours alone, in half the time of multiplying by a white paint.
         target.drawVertices(mesh, skia.Paint(AntiAlias=anti_alias), skia.BlendMode.kDst)
         target.restore()
         return pixels
