@@ -8,7 +8,7 @@ from softras2d.scenes import SIZE
 
 
 def document(purpose: str, lines: Iterable[str]) -> str:
-    """A whole file: the purpose as its first comment, then the elements."""
+    """Text of an SVG file: a comment with the purpose of the scene, then the elements."""
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" '
@@ -22,7 +22,7 @@ def document(purpose: str, lines: Iterable[str]) -> str:
 
 
 def page(color: str) -> str:
-    """A first rect over the whole picture, which is its background."""
+    """A rect that covers the picture, as its background."""
     return f'<rect x="0" y="0" width="{SIZE}" height="{SIZE}" fill="{color}"/>'
 
 

@@ -19,8 +19,8 @@ from softras2d.scenes.palette import BLUE, INK, ORANGE, PAPER, SKY, VERMILION, m
 from .drawing import code, document, number, page, polar, polygon
 from .textured import PICTURES, magnified, minified, stretched, zone_plate
 
-# Right ascension in hours, declination in degrees and magnitude of the figures' stars, in drawing
-# order; to a tenth of a degree, which is enough for a picture.
+# Right ascension in hours, declination in degrees and magnitude of the stars of each constellation,
+# in drawing order; rounded to a tenth of a degree, which is enough for a picture.
 FIGURES = {
     "Ursa Major": (
         (13.79, 49.3, 1.9), (13.40, 54.9, 2.2), (12.90, 56.0, 1.8), (12.26, 57.0, 3.3),
@@ -116,7 +116,7 @@ def slivers() -> str:
 
 
 def wheel() -> str:
-    """An iris of hues: light in the middle, strong on a ring, dark outside."""
+    """A colour wheel: light in the middle, saturated on a ring, dark outside."""
     blades, twist = 36, 24.0
     lines = [page("#10141f")]
     angles = np.arange(blades + 1) * 360.0 / blades
@@ -174,7 +174,7 @@ def rings() -> str:
     lines = [page(PAPER), '<g fill="none" stroke-linejoin="bevel">']
     radii = rim * np.sqrt(np.arange(edges + 1) / edges)
     for inner, outer in zip(radii[1::2], radii[2::2], strict=True):
-        # As many corners as keep the polygon within a tenth of a pixel of the circle.
+        # Enough corners that the polygon stays within a tenth of a pixel of the circle.
         corners = int(np.ceil(np.pi / np.sqrt(2 * 0.1 / outer)))
         shade = code(mix([VERMILION, "#7a3b69", BLUE, INK], outer / rim))
         width = number(outer - inner, 3)
@@ -250,7 +250,7 @@ def _ridge(layer: int, x: float | np.ndarray) -> np.ndarray:
 
 
 def _grid(random: np.random.Generator) -> np.ndarray:
-    """Vertices `[rows + 1, columns + 1, 2]`, jittered, but those of the border stay on it."""
+    """Jittered vertices `[rows + 1, columns + 1, 2]`; border vertices stay on the border."""
     y, x = np.meshgrid(np.arange(ROWS + 1.0), np.arange(COLUMNS + 1.0), indexing="ij")
     jitter = 0.5 * (random.random((2, ROWS + 1, COLUMNS + 1)) - 0.5)
     jitter[0, :, [0, -1]] = 0.0
@@ -258,7 +258,7 @@ def _grid(random: np.random.Generator) -> np.ndarray:
     x = (x + jitter[0]) * (SIZE / COLUMNS)
     y = (y + jitter[1]) * (SIZE / ROWS)
     for column in range(COLUMNS + 1):
-        # From the nearest range back; hidden ranges, or those close above another, move no vertex.
+        # From the nearest range back. Ranges that are hidden or close above another move no vertex.
         nearest = float(SIZE)
         for layer in reversed(range(len(RIDGES))):
             row = 1 + int(np.argmin(np.abs(y[1:-1, column] - _ridge(layer, x[1:-1, column]))))

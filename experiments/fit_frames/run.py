@@ -66,7 +66,7 @@ def measure(name: str, film: Film, triangles: int, temporal: float | None) -> di
             seed=SEED,
             report=lambda *_: ends.append((time.perf_counter(), time.process_time())),
         )  # fmt: skip
-    # The first frame compiles, and takes more steps; it is timed by itself.
+    # The first frame includes compilation and takes more steps, so it is timed separately.
     first = ends[0] if ends else start
     last = ends[-1] if ends else (time.perf_counter(), time.process_time())
     later_frames = len(film) - bool(ends)

@@ -42,7 +42,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 def _line(row: dict[str, Any]) -> list[str]:
     own = float(row["psnr"])
-    # Earlier runs measured only the second.
+    # Earlier runs measured only the mesh with flips.
     static = [float(row[key]) if row.get(key) else None for key in ("greedy_psnr", "static_psnr")]
     return [
         row["picture"],

@@ -1,4 +1,4 @@
-"""Measure PSNR of fits against numbers of parameters and seconds.
+"""Measure the PSNR of fits, for several numbers of parameters and time limits.
 
 python -m experiments.fit_kodak.run [FOLDER] [--astronaut] [--mesh 12300,24600] [--linear 98000]
     [--layers 200:30,1000:60] [--seconds 240] [--into results/NAME] [--statics]
@@ -36,7 +36,7 @@ SEED = 0
 class Case(NamedTuple):
     """One fit of one picture.
 
-    Parameters: 5 for each vertex that triangles share, 10 for each triangle with its own corner
+    Parameters: 5 for each vertex that triangles share, 10 for each triangle with separate corner
     colours, 9 for each flat layer.
     """
 
@@ -173,7 +173,7 @@ def targets(folder: Path | None, astronaut: bool) -> dict[str, np.ndarray]:
         return {name: sr.read_image(pictures.path(name)) for name in pictures.names()}
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in (".png", ".jpg", ".jpeg"))
     if not files:
-        raise SystemExit(f"{folder}: no .png or .jpg there.")
+        raise SystemExit(f"{folder}: contains no .png or .jpg file.")
     return {path.stem: sr.read_image(path)[..., :3] for path in files}
 
 
@@ -191,14 +191,16 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", nargs="?", type=Path)
     parser.add_argument("--astronaut", action="store_true")
-    parser.add_argument("--only", default="", help="names of pictures, with commas")
+    parser.add_argument("--only", default="", help="Names of pictures, separated by commas.")
     parser.add_argument("--mesh", type=numbers, default=[1500])
     parser.add_argument("--linear", type=numbers, default=[])
     parser.add_argument(
         "--layers", type=lambda t: [p for p in t.split(",") if p], default=["100:20"]
     )
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--statics", action="store_true", help="only the static meshes, anew")
+    parser.add_argument(
+        "--statics", action="store_true", help="Measure only the static meshes again."
+    )
     parser.add_argument("--into", type=Path, default=HERE / "results" / "bundled")
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -220,7 +222,7 @@ def main() -> None:
         square = found[name].shape[0] == found[name].shape[1]
         if case.family == "layers" and square and importlib.util.find_spec("deodr"):
             rows.append(deodr_row(name, found[name], case))
-        # Write after each picture, so that an interrupted run leaves results.
+        # Write after each picture, so that results remain if the run is interrupted.
         report.write_csv(chosen.into / "fits.csv", rows)
     run = {
         "arguments": {k: str(v) for k, v in vars(chosen).items() if k not in ("folder", "into")},

@@ -22,7 +22,7 @@ RATES = (0.5, 0.0125)
 
 BETAS, SMALL = (0.9, 0.99), 1e-8
 FALL = 0.3
-"""Share of the time, at the end, in which the learning rates fall to zero."""
+"""Fraction of the time, at the end, during which the learning rates fall to zero."""
 
 
 def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.Scene, int]:
@@ -62,7 +62,7 @@ def fit(target: np.ndarray, count: int, seconds: float, seed: int) -> tuple[sr.S
 def _gradients(
     corners: np.ndarray, colors: np.ndarray, background: np.ndarray, target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients of the summed squared error by corners and by colours."""
+    """Gradients of the summed squared error with respect to corners and colours."""
     rgba = np.ones((len(corners), 3, 4))
     rgba[..., :3] = colors[:, None]
     soup = Soup("flat", SIDE, 0, corners.astype(np.float32), rgba.astype(np.float32), background)

@@ -26,7 +26,7 @@ SEED = 0
 
 
 ENDLESS = 100_000
-"""Number of steps for fits that only the time limits."""
+"""Maximum number of steps of fits that stop when the time is up."""
 
 
 def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list[dict[str, Any]]:
@@ -47,7 +47,7 @@ def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list
 def _fitted(
     target: np.ndarray, count: int, solver: str, seconds: float, steps: int
 ) -> tuple[list[Any], float]:
-    """Fit until `seconds` or `steps` are reached; return its records, and its compile time in s."""
+    """Fit until `seconds` or `steps` are reached; return the records, and the compile time in s."""
     records: list[Any] = []
 
     def note(moment: Any) -> None:

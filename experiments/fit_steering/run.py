@@ -45,7 +45,7 @@ def quantized_after(result: sr.FitResult, target: Image) -> tuple[float, float]:
     """PSNR, in dB, of a finished fit whose colours are then quantised: mean, and best of ten runs.
 
     Each triangle, and the background, gets the mean colour of the target at its visible samples,
-    which is its colour of least squared error. K-means reduces these colours to a palette, from ten
+    which has the least squared error. K-means reduces these colours to a palette, from ten
     random starts; the weight of a colour is its number of samples.
     """
     size: dict[str, Any] = {"height": result.height, "width": result.width}
@@ -84,7 +84,7 @@ def weighted_kmeans(
 def compare(name: str, target: Image, fit: str, steps: int) -> dict[str, Any]:
     """Fit one picture with free colours and with a palette; return a row of the README's table.
 
-    `time_ratio`: seconds of the fit with a palette over those of the fit with free colours.
+    `time_ratio`: seconds of the fit with a palette divided by seconds of the fit with free colours.
     """
     settings: dict[str, Any] = FITS[fit] | {"steps": steps, "seed": SEED}
     free = sr.fit(target, **settings)

@@ -26,7 +26,7 @@ PART, ZOOM = 24, 9
 
 
 def sheet(path: Path, pictures: dict[str, dict[str, np.ndarray]], samples: int) -> None:
-    """A row for each scene: the full image, then the detail by each method."""
+    """Draw a row for each scene: the full image, then the detail by each method."""
     strips = []
     for name, (x, y) in DETAILS.items():
         whole = pictures[name]["MSAA"].astype(np.float32)

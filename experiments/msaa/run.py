@@ -1,4 +1,4 @@
-"""Compare supersampling, multisampling and its course variants; see the README beside this.
+"""Compare supersampling, multisampling and three variants of it; see the README in this folder.
 
 python -m experiments.msaa.run [--quick]
 """
@@ -32,8 +32,14 @@ TIMED = 16
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Compare ways to multisample.")
-    parser.add_argument("--quick", action="store_true", help="4 samples; into cache/quick")
+    parser = argparse.ArgumentParser(
+        description="Compare supersampling and variants of multisampling."
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="Draw only 4 samples per pixel; results go to cache/quick.",
+    )
     quick = parser.parse_args().quick
     jax.config.update("jax_compilation_cache_dir", str(CACHE / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -89,7 +95,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
             "method": method,
             "samples": samples,
             "rmse": float(np.sqrt(((image - truth) ** 2).mean())),
-            # SSAA differs by shading alone, which does not count as wrong.
+            # SSAA differs from MSAA by shading only, which does not count as wrong.
             "wrong": "" if method == "SSAA" else float((off > 1 / 255).mean()),
             "furthest": float(off.max()),
             "shaded": shaded[method] / covered,
@@ -99,7 +105,7 @@ def measure(name: str, samples: int) -> tuple[list[dict[str, Any]], dict[str, np
 
 
 def measure_times(samples: int) -> list[dict[str, Any]]:
-    """Times of the package: each scene as it is, and with flat colours."""
+    """Times of the package, for each scene with its colours and textures, and with flat colours."""
     subjects_timed = {
         "crossing": (subjects.read("crossing"), subjects.FILTER),
         "carpets": (subjects.read("carpets"), subjects.FILTER),
@@ -123,7 +129,7 @@ def measure_times(samples: int) -> list[dict[str, Any]]:
 
 
 def _ground() -> sr.Scene:
-    """The bundled ground plane without depth, as no part of it hides another."""
+    """The bundled ground plane without depth, as a plane does not hide itself."""
     size = subjects.SIZE
     return replace(scenes.read("ground", height=size, width=size), depth=None)
 

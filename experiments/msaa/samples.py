@@ -16,9 +16,9 @@ from tests.oracles.edges import cross
 class Triangle(NamedTuple):
     """One triangle of a scene, in float64.
 
-    - `corners`: `[3, 2]` in pixels; `depth`, `inverse_w`: at each.
-    - `color`: `[3]`; `uv`: `[3, 2]`, and `texels` `[height, width, 3]` that it is multiplied with;
-      None: flat.
+    - `corners`: `[3, 2]` in pixels; `depth` and `inverse_w`: one value for each corner.
+    - `color`: `[3]`, multiplied with the texture, if there is one.
+    - `uv`: `[3, 2]`; `texels`: `[height, width, 3]`. Both are None for a flat triangle.
     """
 
     corners: np.ndarray
@@ -92,10 +92,10 @@ def pixel_corners(size: int) -> np.ndarray:
 
 
 def color_of_pixels(triangle: Triangle, points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """One colour of a triangle in each pixel `[pixels, 3]`, for the pixels with `chosen` samples.
+    """Colours `[pixels, 3]` of a triangle, one for each pixel that has `chosen` samples.
 
-    Evaluated at the centre if the triangle contains it, else at the centroid of the covered
-    samples, whether hidden or not, so that nothing is extrapolated.
+    A colour is evaluated at the pixel's centre if the triangle contains the centre, else at the
+    centroid of the covered samples, hidden ones included, so that nothing is extrapolated.
     """
     found = chosen.any(axis=-1)
     at = points[found]

@@ -1,4 +1,4 @@
-"""The scenes: two bundled ones in flat colours, and textured carpets through one another."""
+"""The scenes: two bundled scenes in flat colours, and two textured carpets that intersect."""
 
 import hashlib
 import os
@@ -57,7 +57,7 @@ def flat(scene: sr.Scene) -> sr.Scene:
 
 
 def plan(scene: sr.Scene, samples: int, shading: str, filter: sr.Filter = FILTER) -> sr.Plan:
-    """Plan a scene; methods of the package differ only in these arguments."""
+    """Plan a scene; the package's methods (SSAA, MSAA) differ only in these arguments."""
     coverage = sr.Hard(samples=samples, shading=shading)  # pyright: ignore[reportArgumentType]
     return sr.plan(scene, height=SIZE, width=SIZE, coverage=coverage, filter=filter)
 

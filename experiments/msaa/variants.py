@@ -1,8 +1,8 @@
-"""Three ways to add multisampling to the z-buffer of a course; only the last one is right.
+"""Three ways to add multisampling to a simple z-buffer; only the last one is right.
 
-Each draws one triangle after another over the square of pixels `points [size, size, samples, 2]`,
-and returns the frame `[size, size, 3]` and how many times a colour was evaluated. They differ in
-what they store for a pixel between two triangles.
+Each function draws one triangle after another at the samples `points [size, size, samples, 2]`, and
+returns the frame `[size, size, 3]` and how many times a colour was evaluated. The functions differ
+in what they store for a pixel between two triangles.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,10 +17,10 @@ Drawing = tuple[np.ndarray, int]
 def one_depth(drawn: Sequence[Triangle], points: np.ndarray, background: np.ndarray) -> Drawing:
     """Wrong: a pixel stores one depth, of its nearest covered sample, and one colour.
 
-    The stored colour is the triangle's times its share of the samples. On the silhouette of a near
-    triangle it is a fraction of that triangle's colour and nothing else, since what lies behind is
-    deeper than the one depth. Over a black background such a pixel looks right; in front of another
-    triangle it is part of a black line.
+    The stored colour is the triangle's colour times the triangle's share of the samples. On the
+    silhouette of a near triangle, the pixel stores this fraction and nothing else, since triangles
+    behind it are deeper than the one depth. Over a black background, such a pixel looks right; in
+    front of another triangle, it is part of a black line.
     """
     frame = _empty(points, background)
     depth = np.full(points.shape[:2], np.inf)

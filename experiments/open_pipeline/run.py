@@ -1,4 +1,4 @@
-"""Measure the gradient of colours that a caller computes, and its memory; see the README.
+"""Measure gradient and memory of images whose colours the caller computes; see the README.
 
 python -m experiments.open_pipeline.run
 """
@@ -68,9 +68,10 @@ def scene_of(
 
 
 def exact_gradient(scene: sr.Scene, weight: Array) -> Float[np.ndarray, "vertices 2"]:
-    """Gradient by positions, by quadrature along edges and over the area.
+    """Gradient with respect to positions, by quadrature along edges and over the area.
 
-    It uses no code of the package. `weight` is the weight of each pixel and channel in the loss.
+    The quadrature uses no code of the package. `weight` is the weight of each pixel and channel in
+    the loss.
     """
     if scene.colors.shape[2] == 4:
         return edges.position_gradient(scene, np.asarray(weight))
@@ -127,7 +128,7 @@ def rows_of(name: str) -> Iterator[dict[str, Any]]:
 
 
 def compare_with_exact(name: str, gradient: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-    """Cosine to the exact gradient, and the ratio of the length to the exact gradient's length."""
+    """Cosine between a gradient and the exact gradient, and the ratio of their lengths."""
     length, exact_length = np.linalg.norm(gradient), np.linalg.norm(exact)
     return {
         f"{name}_cosine": float(gradient @ exact / (length * exact_length)),

@@ -31,7 +31,7 @@ def make(name: str) -> np.ndarray:
 
 
 def main() -> None:
-    """Write all pictures into the given folder, else into the package."""
+    """Write all pictures into the given folder, or into the package if none is given."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else pictures.path("valley").parent
     folder.mkdir(parents=True, exist_ok=True)
     for name in pictures.names():

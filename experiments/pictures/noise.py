@@ -26,7 +26,7 @@ def fractal(
 def ridged(
     ys: np.ndarray, xs: np.ndarray, rng: np.random.Generator, octaves: int, gain: float = 0.5
 ) -> np.ndarray:
-    """Mountains in about 0..1: octaves folded to sharp crests, finer ones only on higher ground.
+    """Mountains in about 0..1: octaves folded to sharp crests, finer octaves only on higher ground.
 
     **Source:** Musgrave's ridged multifractal, in Ebert et al., *Texturing and Modeling: A
     Procedural Approach* (2003), chapter 16.
@@ -53,7 +53,7 @@ def look_up(field: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndar
 
 
 def ramp(x: np.ndarray, start: float | np.ndarray, end: float | np.ndarray) -> np.ndarray:
-    """A smooth step from 0 at `start` to 1 at `end`, which may be below `start`."""
+    """A smooth step from 0 at `start` to 1 at `end`; `end` may be less than `start`."""
     t = np.clip((x - start) / (end - start), 0, 1)
     return t * t * (3 - 2 * t)
 

@@ -12,7 +12,7 @@ LIGHT = np.array([0.80, 0.40, 0.12])
 """Direction of light (right, up, away); further to the side than `SUN`, to show more relief."""
 NEAREST, FARTHEST, CELL_KM = 2.0, 13.0, 0.009
 HALF_KM = 6.3
-"""How far the land reaches to either side, in km."""
+"""Width of the land to either side, in km."""
 
 
 def valley(samples: int) -> np.ndarray:

@@ -23,7 +23,8 @@ COVERAGES = {"Hard": sr.Hard(4), "Soft": sr.Soft(1.0), "Area": sr.Area()}
 class Case:
     """One measurement.
 
-    - `kind`: "canvas" (a tiled image in a file), "strip" (some rows of one), "image" or "gradient".
+    - `kind`: "canvas" (a tiled image in a file), "strip" (some rows of a canvas), "image" or
+      "gradient".
     - `side`: side of the canvas, in pixels; `triangles`: number of triangles.
     - `coverage`: a name of `COVERAGES`, for an image or a gradient.
     - `samples`: samples per pixel, for a canvas or strip.
@@ -39,7 +40,7 @@ class Case:
 
 
 def random_scene(triangles: int, side: int, size: float) -> sr.Scene:
-    """Flat triangles of about `size` pixels, anywhere on the canvas."""
+    """Flat triangles of about `size` pixels, at random positions on the canvas."""
     rng = np.random.default_rng(0)
     centers = rng.uniform(0, side, (triangles, 1, 2))
     corners = centers + rng.normal(size=(triangles, 3, 2)) * size
@@ -79,7 +80,7 @@ def measure_canvas(case: Case) -> dict[str, Any]:
 
 
 def measure_triangles(case: Case) -> dict[str, Any]:
-    """Plan, compile and run the image of a scene, or its gradient by positions and colours."""
+    """Plan, compile and run an image, or its gradient with respect to positions and colours."""
     scene = random_scene(case.triangles, case.side, 2.0)
     began = time.process_time()
     arguments: dict[str, Any] = {"height": case.side, "width": case.side}
@@ -94,7 +95,7 @@ def measure_triangles(case: Case) -> dict[str, Any]:
         image, overflow = draw(floats, rest)
         return jnp.mean(image**2), overflow
 
-    # Indices are arguments too: the compiler would fold constants of a million entries.
+    # Indices are arguments, because the compiler would fold constants of a million entries.
     function = draw if case.kind == "image" else jax.value_and_grad(loss, has_aux=True)
     program = jax.jit(function).lower(floats, rest).compile()
     compiled = time.process_time()

@@ -1,7 +1,7 @@
-"""Do several processes fit a folder as one does? `python -m experiments.scale.processes`.
+"""Compare fits of a folder by one process and by several: `python -m experiments.scale.processes`.
 
 Sixteen crops of the bundled pictures are fitted by `softras2d fit-batch` in one, two and four
-processes on this machine, which find each other by `jax.distributed`.
+processes on this machine, which communicate by `jax.distributed`.
 """
 
 import json
@@ -24,10 +24,10 @@ CROP = 96
 
 STEPS = 60
 SECONDS = 20.0
-"""Time limit of a batch for a process that has a core for itself."""
+"""Time limit of a batch, in seconds, for a process that does not share its core."""
 
 CORES = sorted(os.sched_getaffinity(0))[:2]
-"""The cores that are used, whatever the machine has."""
+"""The cores that are used, even if the machine has more."""
 
 
 def write_crops(folder: Path) -> None:
@@ -59,7 +59,7 @@ def fit(pictures: Path, output: Path, processes: int, budget: Sequence[str]) -> 
         running.append(started)
     for each in running:
         if each.wait():
-            raise SystemExit(f"{processes} processes: one of them failed.")
+            raise SystemExit(f"{processes} processes: one process failed.")
 
 
 def scores(folder: Path) -> dict[str, float]:

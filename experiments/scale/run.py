@@ -33,8 +33,10 @@ def cases(quick: bool, canvas: int) -> list[Case]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="small sizes, into cache/")
-    parser.add_argument("--canvas", type=int, default=50_000, help="side of the canvas, in pixels")
+    parser.add_argument(
+        "--quick", action="store_true", help="Run small sizes; results go to cache/."
+    )
+    parser.add_argument("--canvas", type=int, default=50_000, help="Side of the canvas, in pixels.")
     parser.add_argument("--only", choices=("canvas", "strip", "image", "gradient"))
     options = parser.parse_args()
     folder = HERE / ("cache" if options.quick or options.only else "results")
@@ -46,7 +48,7 @@ def main() -> None:
         command = [sys.executable, "-m", "experiments.scale.cases", json.dumps(asdict(case))]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            # A case that runs out of memory must not hide the others.
+            # If a case runs out of memory, the other cases must still be measured.
             print(f"{case}: failed\n{done.stderr[-2000:]}", file=sys.stderr)
             continue
         rows.append(json.loads(done.stdout.splitlines()[-1]))

@@ -32,7 +32,7 @@ def publish(results: Path, readme: Path) -> None:
 
 
 def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and lines of the table of cases: `image; worst product` under every mode."""
+    """Header and lines of the table of cases; cells are `image; worst product`, for each mode."""
     modes = list(dict.fromkeys(r["mode"] for r in rows))
     lines = []
     for name in dict.fromkeys(r["case"] for r in rows):
@@ -44,7 +44,7 @@ def case_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
 
 
 def _degenerate_table(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    """Header and lines, one per kind: `jvp - vjp; largest entry`, the worst of all widths."""
+    """Header and lines, one per kind; cells: `jvp - vjp; largest entry`, worst of all widths."""
     modes, lines = list(dict.fromkeys(r["mode"] for r in rows)), []
     for name in dict.fromkeys(r["case"] for r in rows):
         line = [name]

@@ -26,7 +26,7 @@ SHIFTS = tuple(10**power for power in range(7))
 
 
 def case_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """Errors of each case under each mode, one row each."""
+    """Errors, with one row for each case and mode."""
     return _measured(CASES, modes, measure, "cases")
 
 
@@ -41,7 +41,7 @@ def attribute_rows() -> list[dict[str, Any]]:
 
 
 def degenerate_rows(modes: list[str]) -> list[dict[str, Any]]:
-    """Triangles with little or no area: difference of jvp and vjp, and the largest gradient."""
+    """Difference of jvp and vjp, and the largest gradient, for triangles with little or no area."""
     rows = []
     for mode in progress.steps(modes, "degenerate triangles"):
         for row in stability_degenerate.measure(mode):
@@ -96,7 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--modes", default=",".join(MODES))
     modes = parser.parse_args().modes.split(",")
-    # The tests use the same setting.
+    # The tests use this setting, too.
     jax.config.update("jax_numpy_dtype_promotion", "strict")
     began, results = time.perf_counter(), HERE / "results"
     rows = case_rows(modes)

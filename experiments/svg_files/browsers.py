@@ -1,4 +1,4 @@
-"""Draw real SVG files beside Chromium's picture of the same file.
+"""Compare images of real SVG files with Chromium's pictures of the same files.
 
 python -m experiments.svg_files.browsers
 """
@@ -22,7 +22,7 @@ PACKAGES = ("softras2d", "jax", "numpy", "shapely", "fonttools", "tinycss2", "cs
 
 
 def measure(path: Path, browser: str) -> tuple[dict[str, Any], np.ndarray]:
-    """Draw one file. Return a row, and our image, Chromium's and the difference side by side."""
+    """Draw a file; return a row, and the package's image, Chromium's and the difference in one."""
     height, width = (2 * side for side in svg_size(path))
     scene = sr.read_svg(path, height=height, width=width)
     plan = sr.plan(scene, height=height, width=width, coverage=sr.Hard(samples=16))

@@ -1,4 +1,4 @@
-"""Move the control points of one drawing until its image is that of another.
+"""Move the control points of one drawing until its image looks like that of another drawing.
 
 python -m experiments.svg_files.move
 """
@@ -23,7 +23,7 @@ SIDE = 120
 STAGES = (
     *((sr.Soft(width=2.0), 30),) * 6, *((sr.Area(), 40),) * 4,
 )  # fmt: skip
-"""Coverage and number of steps of each stage; after it, the drawing is triangulated again."""
+"""Coverage and number of steps of each stage. Each stage ends with a new triangulation."""
 
 LEARNING_RATE = 0.25
 """Learning rate of Adam, in units of the drawing."""
@@ -36,7 +36,7 @@ def image_of(scene: sr.Scene) -> jax.Array:
 
 
 def rmse(first: jax.Array, second: jax.Array) -> float:
-    """Root of the mean squared difference, in levels of 255."""
+    """Root of the mean squared difference of two images, in levels of 255."""
     return float(255 * jnp.sqrt(jnp.mean((first - second) ** 2)))
 
 

@@ -1,4 +1,4 @@
-"""Measure how long large drawings take to read, and how much memory.
+"""Measure the time and the memory that reading large drawings takes.
 
 python -m experiments.svg_files.reading
 """
@@ -50,7 +50,7 @@ def main() -> None:
             head = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10" '
             path.write_text(f'{head}width="800" height="800">{body()}</svg>')
             size = path.stat().st_size / 1e6
-            # A separate process for each, so that its peak memory can be read.
+            # A separate process for each drawing, so that its peak memory can be measured.
             command = [sys.executable, "-m", f"{__package__}.reading", str(path)]
             output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         triangles, wall, processor, peak = map(float, output.split())

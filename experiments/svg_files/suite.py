@@ -1,4 +1,4 @@
-"""Compare the drawings of a test suite with their pictures.
+"""Compare images of the drawings of resvg's test suite with the pictures of the suite.
 
 SOFTRAS2D_DATA=FOLDER python -m experiments.svg_files.suite
 """

@@ -39,7 +39,7 @@ FITS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def fitted(name: str, folder: Path) -> sr.FitResult:
-    """The fit of a row, from the cache if it was made before."""
+    """The fit of a row, read from the cache if the cache has it."""
     kept = CACHE / f"{re.sub('[^a-z0-9]+', '_', name)}.npz"
     if not kept.exists():
         picture, options = FITS[name]
@@ -61,7 +61,7 @@ def polygons_alone(path: Path) -> str:
 def _mean_polygon(match: re.Match[str]) -> str:
     colors = np.array(match[2].split(), float).reshape(3, 4)
     red, green, blue, alpha = (100 * colors.mean(axis=0)).round(1)
-    # Without antialiasing, so that there are no seams between neighbours.
+    # No antialiasing, so that no seams show between neighbours.
     return (
         f'<polygon data-fallback="1" shape-rendering="crispEdges" points="{match[1]}" '
         f'fill="rgb({red}% {green}% {blue}%)" fill-opacity="{alpha / 100:g}"/>\n{match[0]}'
@@ -69,7 +69,7 @@ def _mean_polygon(match: re.Match[str]) -> str:
 
 
 def measure(name: str, folder: Path, browser: str) -> dict[str, Any]:
-    """A row: PSNR, in dB, of the browser's pictures to the fit's image, and sizes of the files."""
+    """A row: PSNR, in dB, of Chromium's pictures against the fit's image, and file sizes."""
     result = fitted(name, folder)
     height, width = result.height, result.width
     reference = np.clip(result.image[..., :3], 0.0, 1.0)
@@ -98,8 +98,10 @@ def measure(name: str, folder: Path, browser: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Compare fits as SVG in Chromium to their images.")
-    parser.add_argument("folder", type=Path, help="holds kodim05.png and kodim23.png")
+    parser = argparse.ArgumentParser(
+        description="Compare Chromium's pictures of fits with the images of the fits."
+    )
+    parser.add_argument("folder", type=Path, help="Folder with kodim05.png and kodim23.png.")
     folder = parser.parse_args().folder
     browser = require_browser()
     rows = []

@@ -22,7 +22,10 @@ HERE = Path(__file__).parent
 
 
 def measure() -> list[dict[str, Any]]:
-    """A row for each scene, number of samples, and bias: zero, half way, or all the way."""
+    """A row for each scene, number of samples and bias.
+
+    The bias is zero, or goes half or all of the way to the spacing of the samples.
+    """
     scenes = subjects.load(SEED)
     rows = []
     for names in (subjects.FLAT, (subjects.GROUND,)):

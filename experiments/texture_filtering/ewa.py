@@ -1,9 +1,10 @@
-"""The elliptical weighted average: every texel under a pixel's footprint, by a Gaussian.
+"""The elliptical weighted average (EWA): a Gaussian mean of the texels in a pixel's footprint.
 
-A disc of `radius` pixels around the centre of a pixel becomes an ellipse on the texture. It is read
-from the mip level where its shorter axis is at least `least` texels across, and less than twice
-that; weights fall to exp(-2) at its border. On the base level it is at least two texels across, so
-that none slips between texels, and the last level is one texel.
+A disc of `radius` pixels around the centre of a pixel becomes an ellipse on the texture. The
+ellipse is read from the mip level on which its shorter axis is at least `least` texels long, and
+less than twice as long. Weights fall to exp(-2) at the border of the ellipse. On the base level,
+the ellipse is at least two texels across, so that it always contains a texel; the last level is one
+texel.
 
 **Source:** Heckbert, *Fundamentals of Texture Mapping and Image Warping* (1989), section 3.5;
 Greene and Heckbert, *Creating Raster Omnimax Images from Multiple Perspective Views Using the
@@ -29,7 +30,7 @@ class Ewa(NamedTuple):
 
     - `radius`: radius of the disc, in pixels; Heckbert's is 1.
     - `least`: least length of the shorter axis, in texels.
-    - `ratio`: greatest ratio of the axes. To stay below it, the ellipse is widened, which blurs.
+    - `ratio`: greatest ratio of the axes. Longer ellipses are widened to it, which blurs.
     """
 
     radius: float
@@ -42,9 +43,9 @@ class Ewa(NamedTuple):
 
 
 def filtered(scene: sr.Scene, at: Footprints, choice: Ewa) -> tuple[np.ndarray, ...]:
-    """Colours `[pixels, 3]` of interior pixels, texels read, and texels of the ellipse's box.
+    """Colours `[pixels, 3]` of interior pixels, and numbers of texels read and texels in the box.
 
-    Each texel of the box is tested; those within the ellipse are read.
+    Each texel of the box around the ellipse is tested; texels within the ellipse are read.
     """
     assert scene.textures is not None
     pyramid = scene.textures

@@ -29,9 +29,9 @@ def beyond_nyquist() -> np.ndarray:
 def moire(image: np.ndarray, reference: np.ndarray, texture: np.ndarray) -> float:
     """The share of the zone plate's energy that is aliased.
 
-    Beyond the Nyquist frequency all variation is aliasing. The measure is the variance there,
-    minus the variance of the reference (a box filter passes a little), divided by the variance of
-    the texture. It is negative if a filter passes less than the reference.
+    Beyond the Nyquist frequency all variation is aliasing. Moire is the variance of the image
+    there, minus the variance of the reference (a box filter passes a little), divided by the
+    variance of the texture. Moire is negative if a filter passes less than the reference.
     """
     false = beyond_nyquist()
     excess = image[false].astype(np.float64).var() - reference[false].var()

@@ -36,11 +36,11 @@ class Method(NamedTuple):
 
 
 YARDSTICK = Method("bilinear", "zero", 1, 1)
-"""Times are divided by that of this method."""
+"""Method by whose time all times are divided."""
 
 
 def methods(quick: bool = False) -> Iterator[Method]:
-    """Every pixel filter, level rule and number of samples; then anisotropic ones.
+    """Every pixel filter, level rule and number of samples, and then anisotropic filters.
 
     At one sample per pixel, all numbers of probes are drawn; at more samples, only 4 and 16 probes.
     `quick` has four filters at one sample.

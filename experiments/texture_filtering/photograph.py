@@ -1,6 +1,6 @@
 """A texture with the statistics of a photograph, and a scene of smaller and smaller copies of it.
 
-Discs that hide each other, with radii r drawn from r^-3, have edges at all scales and the 1/f^2
+Discs that hide each other, with the density r^-3 of radii r, have edges at all scales and the 1/f^2
 power spectrum of natural images.
 
 **Source:** Lee, Mumford and Huang, *Occlusion Models for Natural Images: A Statistical Study of a
@@ -29,9 +29,9 @@ COPIES = (
 
 
 def picture(seed: int, count: int = 6000) -> np.ndarray:
-    """`[512, 512, 3]` in 0..1: discs lit from above, later ones in front."""
+    """The texture `[512, 512, 3]` in 0..1: discs lit from above, later discs in front."""
     rng = np.random.default_rng(seed)
-    # The inverse distribution function of r^-3 between two radii.
+    # The inverse of the distribution function of r^-3 between two radii.
     share = rng.random(count)
     radius = (_LEAST**-2 + share * (_MOST**-2 - _LEAST**-2)) ** -0.5
     radius[: count // 100] = _MOST

@@ -41,7 +41,7 @@ def write(
     images: dict[tuple[str, Method], np.ndarray],
     references: dict[str, np.ndarray],
 ) -> None:
-    """Rows are filters; columns are samples and the reference, for each scene."""
+    """Draw a sheet: rows are filters; columns are numbers of samples and the reference."""
     strips = []
     for pixel, level, probes in FILTERS:
         for name, corner in DETAILS.items():
@@ -69,7 +69,7 @@ def _detail(image: np.ndarray, corner: tuple[int, int]) -> np.ndarray:
     return part.repeat(ZOOM, 0).repeat(ZOOM, 1)
 
 
-# Colours that differ to colour-blind readers too: Okabe and Ito, *Color Universal Design* (2008).
+# Colours that colour-blind readers can distinguish: Okabe and Ito, *Color Universal Design* (2008).
 COLORS = {
     "nearest, level zero": "#000000",
     "nearest, level nearest": "#56B4E9",
@@ -85,9 +85,9 @@ COLORS = {
 def error_against_time(
     rows: list[dict[str, Any]], biased: list[dict[str, Any]], scenes: tuple[str, ...]
 ) -> Figure:
-    """A panel for each scene; the points of a line are 1, 4 and 16 samples per pixel.
+    """Draw a panel for each scene; the points of a line are 1, 4 and 16 samples per pixel.
 
-    `biased` are rows of trilinear images whose level of detail is that of a sample's spacing.
+    `biased` has rows of trilinear images whose mip level is lowered to the spacing of the samples.
     """
     figure, panels = pyplot.subplots(
         1, len(scenes), figsize=(9.5, 4.9), layout="constrained", sharey=True

@@ -61,7 +61,7 @@ def _probes_row(
 def _row(name: str, error: float, reads: np.ndarray, most: int, steps: int) -> dict[str, Any]:
     """A row: `reads` has the texels read by each pixel, and `most` those of the costliest pixel.
 
-    `steps` is the number per pixel in a program in which all pixels take the same steps.
+    `steps` is the number of texels per pixel in a program in which all pixels take the same steps.
     """
     mean = float(reads.mean())
     return {"filter": name, "rmse": error, "mean_texels": mean, "most_texels": most, "steps": steps}

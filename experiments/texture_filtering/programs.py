@@ -25,7 +25,7 @@ class Program:
 
     @property
     def traffic(self) -> float:
-        """Bytes that all kernels read and write, by the compiler's count; a loop counts once."""
+        """Bytes that kernels read and write, by the compiler's count; loop bodies count once."""
         analysis = self._compiled.compiled.cost_analysis() or {}
         return analysis.get("bytes accessed", float("nan"))
 

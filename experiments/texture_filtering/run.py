@@ -1,4 +1,4 @@
-"""Measure the error, moire, time and bytes of texture filters; see the README beside this.
+"""Measure the error, moire, time and bytes of texture filters; see the README in this folder.
 
 python -m experiments.texture_filtering.run [--quick] [--resume]
 """
@@ -103,9 +103,13 @@ def _rows(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Measure texture filters.")
-    parser.add_argument("--quick", action="store_true", help="few filters; into cache/quick")
-    parser.add_argument("--resume", action="store_true", help="go on where a run was cut off")
+    parser = argparse.ArgumentParser(
+        description="Measure the error, moire, time and bytes of texture filters."
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="Measure few filters; results go to cache/quick."
+    )
+    parser.add_argument("--resume", action="store_true", help="Continue an interrupted run.")
     arguments = parser.parse_args()
     quick = arguments.quick
     cache_programs(CACHE / "xla")

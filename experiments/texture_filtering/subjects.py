@@ -20,7 +20,7 @@ GROUND = "ground"
 
 
 def load(seed: int) -> dict[str, sr.Scene]:
-    """All scenes; the affine ones have one structure, so that they share compiled programs."""
+    """All scenes; affine scenes have one structure, so that they share compiled programs."""
     flat = _share_structure([_read(name, seed) for name in FLAT])
     # Without depth: a single surface hides nothing, and the depth test would add to the time.
     ground = replace(_read(GROUND, seed), depth=None)
@@ -62,7 +62,7 @@ def _read(name: str, seed: int) -> sr.Scene:
 
 
 def _share_structure(found: list[sr.Scene]) -> list[sr.Scene]:
-    """Make arrays of scenes equal in shape, by all textures and hidden triangles in each scene."""
+    """Pad scenes with the textures of all scenes and hidden triangles, for equal array shapes."""
     most = max(scene.triangles.shape[0] for scene in found)
     pyramid = sr.TexturePyramid.build([base(scene) for scene in found])
     same = []

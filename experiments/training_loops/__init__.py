@@ -1,1 +1,1 @@
-"""Measure whether one compiled program lasts a training loop, and what a batch costs."""
+"""Measure whether one program serves an entire training loop, and how long a batch takes."""

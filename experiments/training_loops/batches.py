@@ -1,4 +1,4 @@
-"""What does the gradient of a batch cost, by `vmap`, `lax.map`, a loop and a dense rasterizer?"""
+"""Time the gradient of a batch by `vmap`, `lax.map`, a loop, and a dense rasterizer."""
 
 from collections.abc import Callable
 from functools import partial
@@ -41,7 +41,7 @@ def draw_with(plan: sr.Plan, corners: Array, colors: Array) -> Array:
 
 
 def gradient_of(draw: Draw, target: Array, over_batch: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile the mean squared error of a batch and its gradient by corners and colours.
+    """Compile the mean squared error of a batch and its gradient with respect to inputs.
 
     `over_batch(draw, corners, colors)` returns the images of the batch.
     """
@@ -84,7 +84,7 @@ def dense_draw(size: int) -> Draw:
 
 
 def compare_ways(kind: str, budget_s: float) -> list[dict[str, Any]]:
-    """One row for each coverage and way to draw `BATCH` scenes of a kind, all timed in turn."""
+    """One row for each coverage and method of drawing `BATCH` scenes, all timed in turn."""
     triangles, size = KINDS[kind]
     corners, colors = batch_of(BATCH, triangles, size)
     target = target_of(size)
@@ -114,7 +114,7 @@ def compare_ways(kind: str, budget_s: float) -> list[dict[str, Any]]:
 
 
 def grow(kind: str, budget_s: float) -> list[dict[str, Any]]:
-    """One row for each batch size of `Soft(1)` by `vmap` and of the dense one, timed in turn."""
+    """One row per batch size for `Soft(1)` and the dense rasterizer by `vmap`, timed in turn."""
     triangles, size = KINDS[kind]
     target = target_of(size)
     coverage = COVERAGES["Soft(1)"]

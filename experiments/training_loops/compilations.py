@@ -1,10 +1,10 @@
-"""Counts the programs that XLA compiles."""
+"""Count the programs that XLA compiles."""
 
 import jax.monitoring
 
 
 class Compilations:
-    """Number of programs compiled in this process since it was made."""
+    """Number of programs compiled in this process since the counter was made."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,14 +1,14 @@
 """A dense soft rasterizer in `jax.numpy`: every triangle is computed at every pixel.
 
-It is what one writes by hand when the triangles are few: no tiles, no lists, no plan. Coverage is
+Users with few triangles write such a rasterizer by hand: no tiles, no lists, no plan. Coverage is
 the sigmoid of the signed distance from the centre of a pixel to the triangle, and triangles are
 composited in draw order.
 
-Of six ways to write it that were timed on two cores, this one was the fastest with 30 triangles, by
-a factor of two or more at 64 and 128 pixels: one triangle after another, with its coverage computed
-again on the way back (`jax.checkpoint`) instead of stored. The others stored the coverage of all
-triangles, `[triangles, height, width]`, which fills the cache. With 8 triangles at 28 pixels it was
-within a tenth of the fastest.
+Of six implementations that were timed on two cores, this one was the fastest with 30 triangles, by
+a factor of two or more at 64 and 128 pixels. It draws one triangle after another, and computes the
+coverage again in the backward pass (`jax.checkpoint`) instead of storing it. The other
+implementations stored the coverage of all triangles, `[triangles, height, width]`, which fills the
+cache. With 8 triangles at 28 pixels, this implementation was within a tenth of the fastest.
 """
 
 import math
@@ -50,11 +50,11 @@ def signed_distance(
     for k in range(3):
         (ax, ay), (bx, by) = corners[k], corners[(k + 1) % 3]
         ex, ey, ox, oy = bx - ax, by - ay, x - ax, y - ay
-        # A collapsed edge is its first end.
+        # The nearest point of a collapsed edge is its first end.
         t = jnp.clip((ox * ex + oy * ey) / jnp.maximum(ex * ex + ey * ey, 1e-12), 0.0, 1.0)
         squared.append((ox - t * ex) ** 2 + (oy - t * ey) ** 2)
         crosses.append(ex * oy - ey * ox)
-    # One square root for three edges, kept away from its singular point.
+    # One square root for all three edges; its argument is kept away from zero.
     distance = jnp.sqrt(jnp.maximum(jnp.minimum(jnp.minimum(*squared[:2]), squared[2]), 1e-12))
     cross = jnp.stack(crosses)
     is_inside = (cross >= 0).all(0) | (cross <= 0).all(0)

@@ -1,4 +1,4 @@
-"""Does one compiled program last while the triangles of a fit move anywhere?"""
+"""Check whether one compiled program suffices while the triangles of a fit move anywhere."""
 
 import time
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Draw = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class Checks(NamedTuple):
-    """What is recorded in each step.
+    """The record of one step.
 
     - `loss`: mean squared error.
     - `overflow`: whether the scene outgrew its plan.
@@ -121,7 +121,7 @@ class Loop:
         self.first_step_s, self.cpu_s = self._advance(1, 0), 0.0
 
     def advance(self, steps: int) -> None:
-        """Take some more steps."""
+        """Take more steps."""
         self.cpu_s += self._advance(steps, 1)
 
     def _advance(self, steps: int, phase: int) -> float:

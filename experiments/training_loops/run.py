@@ -1,4 +1,4 @@
-"""Measure training loops whose triangles move, and batches; see the README beside this.
+"""Measure training loops whose triangles move, and batches; see the README in this folder.
 
 python -m experiments.training_loops.run [--quick] [--parts lasting,ways,batches]
 """
@@ -20,8 +20,14 @@ STEPS, QUICK_STEPS = 2000, 100
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few steps and scenes, into cache/")
-    parser.add_argument("--parts", default=",".join(PARTS), help="of the run, by comma")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="Take few steps, on small scenes; results go to cache/.",
+    )
+    parser.add_argument(
+        "--parts", default=",".join(PARTS), help="Parts of the run, separated by commas."
+    )
     options = parser.parse_args()
     parts = options.parts.split(",")
     results = HERE / "cache" if options.quick else HERE / "results"

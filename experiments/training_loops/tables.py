@@ -9,7 +9,7 @@ from . import batches
 
 
 def publish(results: Path, readme: Path | None) -> None:
-    """Fill the tables into the README, or print those of which there are results without one."""
+    """Write the tables with results into the README, or print them if `readme` is None."""
     run = json.loads((results / "run.json").read_text())
     texts = {}
     if "lasting" in run:

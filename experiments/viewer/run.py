@@ -48,7 +48,7 @@ _DRAWN_MS = """document.querySelector(".sr-viewer").dataset.drawnMs"""
 
 
 class _RecordingSession(Session):
-    """A session that keeps the last request for a picture."""
+    """A session that stores the last request for a picture."""
 
     last_picture: Mapping[str, Any] = {}
 
@@ -78,13 +78,13 @@ def main() -> None:
             print(rows[-1], flush=True)
             if name == MEMORY_SCENE:
                 memory = _memory(page, arguments.views)
-        # Write after each scene, so that an interrupted run leaves results.
+        # Write after each scene, so that results remain if the run is interrupted.
         result = write(rows, memory)
     print(table(result))
 
 
 def write(rows: list[dict[str, Any]], memory: list[float]) -> dict[str, Any]:
-    """Write `results/response.json`; returns what it holds."""
+    """Write `results/response.json`, and return its content."""
     result = {
         "machine": machine.record(["softras2d", "jax", "jaxlib", "starlette", "uvicorn"]),
         "rows": rows,
@@ -106,7 +106,7 @@ def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
     page.press("ArrowRight")
     _wait_until_compiled(session)
     answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
-    # Remember the view that was measured, as the frames below pan further.
+    # Store the measured view, because the frames below pan further.
     request = session.last_picture
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     page.wait_for_picture()
@@ -160,7 +160,7 @@ class Times(NamedTuple):
 
 
 def _times(call: Callable[[], Any], count: int) -> Times:
-    """The times of some calls, after one that compiles."""
+    """The times of calls, after a call that compiles."""
     call()
     times = Times([], [])
     for _ in range(count):
@@ -207,7 +207,7 @@ def table(result: dict[str, Any]) -> str:
 
 
 def _cell(row: dict[str, Any], key: str | tuple[str, str]) -> str:
-    """One or two numbers of a row; megabytes with a digit."""
+    """One or two numbers of a row; megabytes have one decimal."""
     keys = (key,) if isinstance(key, str) else key
     return ", ".join(f"{row[k]:.1f}" if k.endswith("_mb") else f"{row[k]:.0f}" for k in keys)
 
