@@ -157,4 +157,4 @@ def _measure(case: Case, foreseen_s: dict[str, float], budget_s: float) -> list[
 def _refuse_missing_triangles(case: Case, draw: Program) -> None:
     _, overflow = draw()
     if np.any(overflow):
-        raise ValueError(f"the plan of {case} is too small for its own scene.")
+        raise ValueError(f"the plan of {case} is too small for the scene it was made for.")

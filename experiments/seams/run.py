@@ -1,4 +1,4 @@
-"""Draw one tiling under each coverage mode, and measure how the background shows through seams.
+"""Draw one tiling under each coverage mode, and measure how much background shows in seams.
 
 python -m experiments.seams.run
 """
