@@ -1,5 +1,8 @@
 """Premultiplied alpha and the sRGB transfer function, for NumPy and JAX arrays.
 
+`rendering.render` premultiplies the background and unpremultiplies the image, and
+`shading.triangle_color` premultiplies the colours of triangles. Rendering never converts between
+sRGB and linear values; readers and writers of files, texture pyramids and losses do, on request.
 This module does not import JAX.
 """
 
@@ -38,10 +41,10 @@ def unpremultiply(pixels: Any) -> Any:
 
 
 def srgb_to_linear(values: Any) -> Any:
-    """Convert sRGB values to linear values; -1, 0 and 1 stay the same.
+    """Convert sRGB values, a NumPy or JAX array of floats, to linear values of the same dtype.
 
-    A negative value -v becomes minus the linear value of v. Above 1 the formula for 0..1 is
-    continued. Alpha must not be among the values.
+    -1, 0 and 1 stay the same. A negative value -v becomes minus the linear value of v. Above 1 the
+    formula for 0..1 is continued. Alpha must not be among the values.
 
     **Source:** IEC 61966-2-1; the extension beyond 0..1 as in CSS Color 4, section 10.2.
     """

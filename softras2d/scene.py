@@ -3,8 +3,8 @@
 - **Coordinates** are pixels, x right and y down; pixel (row r, column c) is the square
   [c, c+1) x [r, r+1), with its centre at +0.5.
 - **Images** are `[height, width, channels]` in 0..1. Public functions take and return straight
-  alpha; compositing uses premultiplied alpha. Colours are averaged as the scene holds them; they
-  are converted only in `io`, and only on request.
+  alpha; compositing uses premultiplied alpha. Colours are averaged as the scene holds them: a
+  render never converts them between sRGB and linear light.
 - **Colours outside 0..1** are drawn without clipping, because interpolation, blending and averaging
   are linear. Writers of 8-bit images clip them; EXR and SVG keep them. Alpha outside 0..1 is
   refused.

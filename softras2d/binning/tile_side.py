@@ -5,6 +5,8 @@ small triangles do not reach; small tiles list large triangles many times. For a
 area A and perimeter P, placed at random on a grid of squares of side s, the mean number of squares
 that it meets is (A + 2 P s / pi + s^2) / s^2 (Santalo 1976, Integral Geometry and Geometric
 Probability, chapter 8).
+
+The tiles for sampled coverage are those of `geometry.tiling.Tiling.one_word_wide`.
 """
 
 from collections.abc import Sequence

@@ -105,8 +105,9 @@ def fit_folder(
     1[/bold]
 
     Every picture's files are written as soon as its batch is done. After Ctrl-C, or after the
-    process was killed, the same command goes on with what is missing. With --steps, the files do
-    not depend on the number of processes.
+    process was killed, the same command goes on with what is missing. Pictures that cannot be
+    fitted are reported at the end, and the exit status is then 1; all others are fitted all the
+    same. With --steps, the files do not depend on the number of processes.
     """
     with session(long_running=True) as console:
         share, shares = _join(coordinator, processes, process)

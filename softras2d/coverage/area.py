@@ -129,14 +129,17 @@ def clip_outline(
     """Clip the edges of each slot's triangle to the rows of its tile.
 
     - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+      The triangle must be positively oriented.
     - `tile`: x and y of the upper left of each slot's tile, in pixels.
     - `lines`: the lines of the same edges.
     - `side`: the side of a tile, in pixels.
-    - `signed`: whether areas are added with their sign, as by `Area("sum")`.
+    - `signed`: whether the caller adds areas with their sign, as for `Area("sum")`. The areas of
+      the outline are positive all the same.
 
     When a triangle has collapsed to a segment, its unsigned area grows whichever way a corner
-    moves, so the area has a kink there. To keep the derivative continuous, it is reduced in
-    proportion to `TriangleLines.thickness`, down to zero at the kink. A `signed` area has no kink.
+    moves, so the area has a kink there. To keep the derivative continuous, `full_run` and
+    `full_rise`, on which only derivatives depend, are multiplied by `TriangleLines.thickness`,
+    which is 0 at the kink. If `signed`, they are not, as a signed area has no kink.
     """
     x, y = ([corners[2 * k + axis] - tile[axis] for k in range(3)] for axis in (0, 1))
     first, second, third = (

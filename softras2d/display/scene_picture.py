@@ -44,8 +44,8 @@ def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | No
     """Draw one concrete scene in hard mode, with 16 samples per pixel or, to save memory, 4.
 
     The longer side of the picture is `SIDE` pixels. Returns None for a scene that has no triangles
-    or more than `_MAX_TRIANGLES`, is a batch, is traced, would take too much memory, or has no
-    extent. Raises `ValueError` for invalid values.
+    or more than `_MAX_TRIANGLES`, is a batch, is traced, or would take too much memory, and for one
+    whose extent is zero or not finite. Raises `ValueError` for other invalid values.
     """
     import softras2d as sr
 

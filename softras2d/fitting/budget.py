@@ -94,11 +94,12 @@ class Budget(NamedTuple):
     end_guess: float = END_SECONDS
 
     def share(self, steps: int, compiled_at: float | None) -> float:
-        """Share of the fit that is done after a total of `steps` steps, in 0..1.
+        """Share of the fit that is done after a total of `steps` steps, from 0; at 1 it is done.
 
-        If the limit is a number of steps, this is the share of these steps. If the limit is a
-        deadline, it is the share of the time for steps. That time includes the seconds of a resumed
-        fit, and excludes the first chunk, which compiles, and the seconds reserved for the end.
+        If the limit is a number of steps, this is `steps` divided by it, and exceeds 1 where the
+        resumed fit took more steps. If the limit is a deadline, it is the time used, divided by the
+        sum of it and the time left for steps. The time used is that of the resumed fit plus that
+        since `compiled_at`. The seconds reserved for the end of the fit do not count as left.
 
         `compiled_at`: when the first chunk of this call ended, on the clock of `time.perf_counter`;
         None before that.

@@ -81,7 +81,10 @@ def _silent(**_: Any) -> None:
 
 
 def _adam(learning_rate: float) -> optx.OptaxMinimiser:
-    """Make Adam, with a learning rate that can change during a solve."""
+    """Make Adam, with an initial learning rate that `solve.set_learning_rate` can change later.
+
+    Both of its tolerances are 0, so only a limit of steps ends it.
+    """
     # The state holds the learning rate, so that the host can lower it without compiling again.
     adam = optax.inject_hyperparams(optax.adam, static_args=_FIXED)(learning_rate, b2=0.99)
     return optx.OptaxMinimiser(adam, rtol=0.0, atol=0.0)

@@ -25,7 +25,10 @@ class Tiling(NamedTuple):
 
     @staticmethod
     def one_word_wide(grid: Grid) -> "Tiling":
-        """Make the tiles for sampled coverage, in which a row of samples fits one 32-bit word."""
+        """Make the tiles for sampled coverage, in which a row of samples fits one 32-bit word.
+
+        They have 8 x 32 pixels with 1 sample per pixel, and down to 2 x 2 with 256.
+        """
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
 

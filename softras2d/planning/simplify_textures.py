@@ -101,9 +101,10 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 
 
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
-    """Level of detail of texture footprints, which are given by Jacobians.
+    """Level of detail, without `lod_bias`, of texture footprints that are given by Jacobians.
 
-    `jacobian` is `[triangles, (u, v), (x, y)]`, in texels of the base level per pixel.
+    `jacobian` is `[triangles, (u, v), (x, y)]`, in texels of the base level per pixel. Of `filter`,
+    only `anisotropy` is used. The result is `[triangles]`, -inf where the Jacobian is 0.
     """
     if filter.anisotropy == 1:
         extent = np.linalg.norm(jacobian, axis=1).max(1)

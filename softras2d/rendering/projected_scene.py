@@ -96,33 +96,42 @@ def _crossed_edges(
 
     `corners`, `grid_triangles` and `edges` are fields of `geometry.projection.Projection`.
     """
-    # The lines are computed in separate programs: an image without its derivative needs only their
-    # number, to compare with the capacity for runs.
-    sides, vertex = materialized(_reoriented_sides)(corners.high, grid_triangles, triangles)
+    # These arrays are computed in separate programs: an image without its derivative needs only
+    # `steep`, `first` and `count`, to compare the number of runs with its capacity.
+    start, end = materialized(_reoriented_ends)(corners.high, grid_triangles.orientation)
+    vertex = materialized(_reoriented_vertices)(triangles, grid_triangles.orientation)
+    steep = materialized(_is_steep)(grid_triangles)
     first, count = (
         materialized(
             lambda grid_triangles, which=which: lines_crossed(grid_triangles, grid)[which]
         )(grid_triangles)
         for which in (0, 1)
     )
-    return CrossedEdges(sides, edges, vertex, first, count)
+    return CrossedEdges(Sides(start, end, steep), edges, vertex, first, count)
 
 
-def _reoriented_sides(
-    corners: Float[Array, "triangles 3 2"],
-    grid_triangles: GridTriangles,
-    triangles: Int[Array, "triangles 3"],
-) -> tuple[Sides, Int[Array, "triangles 3"]]:
-    """Reorient the triangles to positive area.
+def _reoriented_ends(
+    corners: Float[Array, "triangles 3 2"], orientation: Int[Array, " triangles"]
+) -> tuple[Float[Array, "2 triangles 3"], Float[Array, "2 triangles 3"]]:
+    """Compute start and end of each edge, in pixels, of the triangles reoriented to positive area.
 
-    `corners` are the snapped corners, in pixels. Returns the three sides of each triangle, in
-    pixels, and the vertex index of each corner.
+    `corners` are the snapped corners, in pixels.
     """
-    orientation = grid_triangles.orientation
-    vertex = reorient(triangles.T, orientation).T
     x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
     start = jnp.stack([x, y])
-    return Sides(start, jnp.roll(start, -1, 2), is_steep(grid_triangles).T), vertex
+    return start, jnp.roll(start, -1, 2)
+
+
+def _reoriented_vertices(
+    triangles: Int[Array, "triangles 3"], orientation: Int[Array, " triangles"]
+) -> Int[Array, "triangles 3"]:
+    """Vertex index of each corner, of the triangles reoriented to positive area."""
+    return reorient(triangles.T, orientation).T
+
+
+def _is_steep(grid_triangles: GridTriangles) -> Bool[Array, "triangles 3"]:
+    """Compute `Sides.steep`."""
+    return is_steep(grid_triangles).T
 
 
 def _surface(

@@ -4,7 +4,7 @@ import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Int, UInt32
+from jaxtyping import Array, Bool, Int, UInt32
 
 from ..binning.expansion import saturated_sum
 from ..binning.lists import Steps, cut_steps
@@ -12,7 +12,6 @@ from ..binning.tiles import TileLists
 from ..coverage.depth_test import keep_nearest
 from ..coverage.sampled import coverage_words, gather_words, remove_hidden
 from ..geometry.tiling import Tiling
-from ..gradients.boundary_term import CrossedEdges
 from ..gradients.crossings import count_runs
 from ..gradients.visible_front import Front
 from ..numerics.fusion_barrier import materialized
@@ -67,7 +66,9 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     needs = Needs(strips=lists.strips, pairs=lists.pairs)
     if projected.crossed_edges is not None:
         total_runs = materialized(functools.partial(_total_runs, tiling=plan.tiling))
-        needs = needs._replace(runs=total_runs(projected.crossed_edges))
+        first, count = projected.crossed_edges.first, projected.crossed_edges.count
+        # Only what is read is passed: a program computes all arguments of a materialized function.
+        needs = needs._replace(runs=total_runs(first, count, projected.crossed_edges.sides.steep))
     steps = None
     # With depth, no triangle is known to hide another, so the plan's capacity for steps counts all
     # triangles. Without depth it leaves out hidden ones, so lists that have them get no steps.
@@ -77,10 +78,18 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     return BinnedScene(projected, lists, steps, needs)
 
 
-def _total_runs(crossed_edges: CrossedEdges, *, tiling: Tiling) -> Int[Array, ""]:
-    """Number of runs of crossings (`gradients.crossings`), summed over all edges."""
-    first, count = crossed_edges.first.T, crossed_edges.count.T
-    return saturated_sum(count_runs(first, count, crossed_edges.sides.steep, tiling).reshape(-1))
+def _total_runs(
+    first: Int[Array, "3 triangles"],
+    count: Int[Array, "3 triangles"],
+    steep: Bool[Array, "triangles 3"],
+    *,
+    tiling: Tiling,
+) -> Int[Array, ""]:
+    """Number of runs of crossings (`gradients.crossings`), summed over all edges.
+
+    The arguments are `CrossedEdges.first` and `.count`, and `Sides.steep`.
+    """
+    return saturated_sum(count_runs(first, count, steep.T, tiling).reshape(-1))
 
 
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:

@@ -58,9 +58,10 @@ def find_new_triangles(
 ) -> NewTriangles:
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
-    Candidates are made where the squared error is large, each in the weighted mean colour of the
-    target inside it. The chosen ones hardly overlap, so that their gains add up. Fewer than
-    `count`, or none, are returned if too few candidates lower the error.
+    The centres of candidates are drawn at random, in proportion to the blurred squared error. Each
+    candidate has the weighted mean colour of the target inside it. The chosen ones hardly overlap,
+    so that their gains add up. Fewer than `count`, or none, are returned if too few candidates
+    lower the error.
 
     - `rng`: source of the random choices.
     - `image`, `target`: sRGB, or premultiplied sRGB with alpha as the fourth channel.

@@ -45,7 +45,7 @@ class Path:
 class Subpath:
     """A chain of segments, each of which starts where the one before it ends.
 
-    - `start`: index of the first point in `Path.points`.
+    - `start`: index in `Path.points` of the point at which the chain starts.
     - `segments`: for each segment, the indices of its control points after the start: one for a
       line, two for a quadratic Bezier curve, three for a cubic one. An elliptical arc is an `Arc`.
     - `closed`: whether a straight line joins the last point to the first, if they differ.
@@ -59,7 +59,7 @@ class Subpath:
 class Arc(NamedTuple):
     """An elliptical arc: the points center + cos(angle) major + sin(angle) minor, in user units.
 
-    - `end`: index of the last point in `Path.points`.
+    - `end`: index in `Path.points` of the point at which the arc ends.
     - `major`, `minor`: the half axes, as vectors.
     - `start_angle`, `turn`: the angle goes from `start_angle` to `start_angle + turn`, in radians.
     """

@@ -150,7 +150,7 @@ def _bevel_triangles(joins: Joins) -> _Triangles:
 
 
 def _miter_quads(joins: Joins) -> _Triangles:
-    """The two triangles of each mitred join, between the corner and the tip of the miter."""
+    """The two triangles of each mitred join: corner, tip, and the ends of both offsets."""
     # The tip lies in the direction of the sum of both offsets. The sum is `width cos(turn / 2)`
     # long, and the tip is `width / (2 cos(turn / 2))` from the corner.
     tip = (joins.start_offset + joins.end_offset) / (2 * np.cos(joins.turn / 2)[:, None] ** 2)

@@ -69,8 +69,8 @@ class ShapeTable:
         - `draws`: for row i of `values`, the index in draw order of the shape to which it belongs.
         - `noun`: what errors call a value.
 
-        Raises `SvgError` if a rounded value is not finite. The error names the line of the first
-        shape with such a value.
+        Raises `SvgError` if a rounded value is not finite. The error names the line of the shape to
+        which the first row with such a value belongs.
         """
         with np.errstate(over="ignore"):
             rounded = values.astype(np.float32)

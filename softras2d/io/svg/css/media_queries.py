@@ -50,8 +50,9 @@ def matches(text: str, height: int, width: int) -> bool | None:
     - `text`: list of media queries, separated by commas; an empty list matches.
     - `height`, `width`: size of the canvas in pixels, which count as CSS px.
 
-    Returns None if the value is unknown, because a query has a feature or value that this module
-    does not know, or because brackets are nested too deeply.
+    A query with an error does not match. Returns None if no query is known to match, and one has a
+    feature or value that this module does not know. Returns None too if brackets are nested too
+    deeply.
     """
     if nesting(text) > _MAX_NESTING:
         return None
