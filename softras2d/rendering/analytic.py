@@ -100,7 +100,8 @@ class AnalyticMode(CoverageMode):
         """Distance, in pixels, by which coverage extends beyond the edges of a triangle.
 
         `coverage` is the option. `max_width` is as in `CoverageMode.prepare`; if it is given, the
-        result is the distance for the largest width.
+        result is the distance for the largest width. It must be at least `AnalyticCoverage.reach`
+        of every parameter up to `max_width`.
         """
 
     @abc.abstractmethod
@@ -111,7 +112,8 @@ class AnalyticMode(CoverageMode):
     def parameter(self, coverage: Any, dtype: Any) -> Array:
         """The number on which the coverage function depends besides the corners, as a scalar array.
 
-        For `Soft` it is the width of soft edges, in pixels. For `Area` it is 0, and is not used.
+        For `Soft` it is the width of soft edges, in pixels. A mode without such a number returns 0,
+        as `Area` does.
         """
 
     @abc.abstractmethod
@@ -145,6 +147,9 @@ class AnalyticMode(CoverageMode):
         - `shaded`: opacity, colour and depth of each slot at the pixels of its tile.
         - `triangles`: all triangles of the scene, for their areas and orientations.
         - `max_chunks`: upper bound on the number of chunks of a tile.
+
+        Depth is ignored here: a mode that draws scenes with depth overrides this method, and any
+        other mode names "depth test" in `missing`.
         """
         opacity, color, _ = shaded
         if isinstance(color, CornerColors):

@@ -1,10 +1,18 @@
 """The interface of a coverage mode: how one kind of coverage is planned and drawn.
 
 `modes.MODES` maps each option that a caller may choose to its mode. To add a mode, write its option
-in `options.py`, where it also joins the union `Coverage`, write its class in a file of this folder,
-and add the option and the class to `MODES`. A mode whose coverage is a smooth function of the
-corners derives from `analytic.AnalyticMode`. The class names in `effects` the rows of
-`effects.EFFECTS` that a plan may report for it.
+in `options.py` (an `eqx.Module` that has `rate` and `describe`, like `Soft`), where it also joins
+the union `Coverage`; write its class in a file of this folder; and add the option and the class to
+`MODES`. To make the option public, put its name into the lists of `softras2d/__init__.py`
+and into `FACE` of `tests/test_public_face.py`. For the command line and the viewer, begin with
+`names.CoverageKind`, and search for `"soft"` in `cli` and `viewing`.
+
+A mode whose coverage is a smooth function of the corners derives from `analytic.AnalyticMode`. It
+needs an `AnalyticCoverage` (`coverage.analytic`), which lies in `coverage`. For coverage by
+distance, take the geometry from `SoftMode.slot_geometry`, the weights from `NearestWeights`, and
+the nearest point from `coverage.soft.nearest_point`.
+
+The class names in `effects` the rows of `effects.EFFECTS` that a plan may report for the mode.
 """
 
 import abc
@@ -84,8 +92,10 @@ class CoverageMode(abc.ABC):
     """How one kind of coverage is planned and drawn.
 
     - `effects`: names of the rows of `effects.EFFECTS` that this mode draws.
-    - `missing`: for the name of each effect that this mode cannot draw, the one-line error message,
-      which says what to do instead.
+    - `missing`: for the name of each effect of a scene that this mode cannot draw, usually only
+      "depth test", the one-line error message, which says what to do instead. An effect without an
+      entry is ignored without a message. The effects that stand for other coverage modes do not
+      belong here.
     """
 
     effects: frozenset[str]
@@ -98,6 +108,9 @@ class CoverageMode(abc.ABC):
         largest `Soft.width` to allow for, in pixels. Returns the new option. Raises `ValueError`
         for values that the option cannot have. By default an option has no numbers to turn into
         arrays, and refuses `max_width`.
+
+        A mode with numbers overrides this method: it checks the numbers and `max_width`, and
+        converts the numbers by `to_device(number, np.float32)`.
         """
         if max_width is not None:
             raise ValueError("`max_width` is for Soft coverage.")

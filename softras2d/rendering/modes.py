@@ -1,4 +1,4 @@
-"""The table of coverage modes: the only file that asks which kind of coverage an option is."""
+"""The table of coverage modes: no other file asks for the type of a coverage option."""
 
 from typing import Any
 

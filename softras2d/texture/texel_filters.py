@@ -1,10 +1,12 @@
 """How the texels along one axis are mixed around a point: one class for each name of a filter.
 
 A two-dimensional filter is the product of one mix along u and the same mix along v. To add one,
-write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. For plans
-to report it, add a row to `EFFECTS` and its name to `SCENE_EFFECTS` (both in `planning.effects`).
-The viewer offers it once its name is in `PIXEL_FILTERS` of `viewing/static/viewer.js`. With
-negative weights, colours and alpha may leave the range of the texels.
+write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. Describe
+the filter at `Filter.pixel` in `options.py`; the command line offers every name of `PixelFilter`.
+For plans to report it, add a row to `EFFECTS` and its name to `SCENE_EFFECTS` (both in
+`planning.effects`), and leave it out in the tests where one plan has all effects. The viewer offers
+the filter once its name is in `PIXEL_FILTERS` of `viewing/static/viewer.js`. With negative weights,
+colours and alpha may leave the range of the texels.
 """
 
 import abc

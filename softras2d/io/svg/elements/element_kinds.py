@@ -1,8 +1,7 @@
 """Lists the names of elements by how they are drawn, and evaluates their conditional attributes.
 
-To add a shape, write a function that makes its path, and put it into `shape_elements.SHAPES`;
-attributes that style sheets may set go into `_GEOMETRY` there. To add an element that is not a
-path, put its name into `EXTENSIONS`, and draw it in `painting.extensions.draw_extension`.
+To add a shape, see `shape_elements`. To add an element that is not a path, put its name into
+`EXTENSIONS`, and draw it in `painting.extensions.draw_extension`.
 """
 
 from ..xml.notices import NOT_DRAWN

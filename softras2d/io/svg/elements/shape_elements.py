@@ -1,4 +1,10 @@
-"""Turns shape elements into paths, with SVG's rules for missing and invalid attributes."""
+"""Turns shape elements into paths, with SVG's rules for missing and invalid attributes.
+
+To add a shape, write a function here that makes its path from `ElementLengths`, and put it into
+`SHAPES`; attributes that style sheets may set go into `_GEOMETRY`. Clip paths, bounding boxes,
+`use` and `switch` then know the shape. Helpers that make paths are in `values.path_data`. The
+dialect "course" has its own table, `CourseReader._shapes`.
+"""
 
 import math
 from collections.abc import Callable
@@ -60,7 +66,8 @@ class ElementLengths:
     def read(self, name: str, default: float = 0.0) -> float:
         """A length in user units; `default` if it is missing, invalid, or a keyword such as `auto`.
 
-        Percentages are relative to the viewport's width, height or diagonal, as the name requires.
+        Percentages are relative to the viewport's width, height or diagonal, as the name requires:
+        names other than those listed below are relative to the height.
         An invalid declaration is noted, and the declaration of the next lower rank is read.
         """
         viewport = self._page.viewport
