@@ -186,8 +186,8 @@ Colors = Annotated[
     names.ColorMethod,
     typer.Option(
         help="How colours are fitted. together: by the optimizer, with the geometry; solve: by "
-        "linear least squares, before each chunk of steps; polish: by linear least squares, at the "
-        "end.",
+        "linear least squares, again and again during the fit and at its end; polish: by linear "
+        "least squares, only at the end.",
         rich_help_panel=SEARCH,
     ),
 ]

@@ -97,7 +97,7 @@ def start_in_turns(
     """
     devices = jax.local_devices()[:1] if devices is None else list(devices)
     if not devices:
-        raise ValueError("`devices` must name one device at least; got none.")
+        raise ValueError("`devices` must have at least one device; got none.")
     started: deque[tuple[Window, T]] = deque()
     for index, window in enumerate(windows):
         started.append((window, start(window, devices[index % len(devices)])))

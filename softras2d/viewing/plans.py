@@ -119,7 +119,7 @@ class ViewPlans:
     def _keep(self, key: tuple[Hashable, int], plan: Plan) -> None:
         """Store a plan by `key`: its kind of views, and its octave of zoom.
 
-        Beyond `_MAX_PLANS` plans, the plan that was stored first is dropped.
+        Beyond `_MAX_PLANS` plans, the plan that was chosen longest ago is dropped.
         """
         self._plans[key] = plan
         self._plans.move_to_end(key)

@@ -8,6 +8,7 @@ import signal
 import time
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -100,6 +101,7 @@ def test_a_batch_for_seconds_ends():
 @pytest.mark.slow
 def test_scores_of_a_batch_share_a_program(count_compilations):
     """All scores of a batch share a program, so the time for scoring includes no compilation."""
+    jax.clear_caches()
     with count_compilations() as compiled:
         sr.fit_batch([TARGET, TARGET[::-1], TARGET[:, ::-1]], triangles=10, steps=10)
     drawn = [name for name in compiled.names if "render" in name]

@@ -185,6 +185,7 @@ def test_fits_of_similar_size_share_programs(count_compilations, monkeypatch):
     monkeypatch.setattr(compiled_programs, "_SHARE", 1.0)
     target = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
     fits = {"steps": 2, "size": 24, "softness": 1.0}
+    jax.clear_caches()
     with count_compilations() as compiled_first:
         sr.fit(target, triangles=29, **fits)
     with count_compilations() as compiled_later:

@@ -32,7 +32,7 @@ def data_and_unknowns(
     has_fixed_colors: bool,
     scale: Float[np.ndarray, "vertices 1"] | None = None,
 ) -> tuple[MeshData, MeshUnknowns]:
-    """Make the data and the unknowns of a mesh, with the colours of least squared error in 0..1.
+    """Make the data and the unknowns of a mesh, with clipped colours of least squared error.
 
     - `mesh`: with positions in pixels of the fit.
     - `model`: the colour model, which says how many colours there are.
