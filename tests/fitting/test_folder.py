@@ -122,7 +122,8 @@ def test_processes_and_a_killed_one_write_the_files_of_one_process(tmp_path):
     folder, cache = make_folder(tmp_path / "pictures", 16), tmp_path / "cache"
     killed = tmp_path / "killed"
     process = start(folder, killed, cache)
-    while process.poll() is None and not list(killed.glob("*.json")):
+    # Drafts, which are renamed when they are complete, begin with a dot.
+    while process.poll() is None and not list(killed.glob("[!.]*.json")):
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.communicate()
