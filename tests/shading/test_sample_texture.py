@@ -140,7 +140,8 @@ def test_derivatives_equal_differences(sampler, float64):
         difference = np.asarray(ends[0] - ends[1]) / (2 * step)
         certain = margin > 1e-4
         assert certain.mean() > 0.5
-        assert np.any(tangent[certain])
+        # The filter "nearest" does not depend on (u, v), nor a level of zero on the footprint.
+        assert name != "texels" or np.any(tangent[certain])
         np.testing.assert_allclose(
             tangent[certain], difference[certain], rtol=1e-5, atol=2e-6, err_msg=name
         )
