@@ -10,10 +10,9 @@ import jax
 import jax.monitoring
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, UInt8, UInt32
 
 from ..numerics.compiled_programs import drop_programs
-from ..numerics.fusion_barrier import materialized
 from ..planning.plan import Plan
 from ..rendering.render import render_checked
 from ..scene import Scene
@@ -56,7 +55,7 @@ class Artist:
         began = time.perf_counter()
         with compile_times() as compile_seconds:
             image, plan = self.render(scene, view, settings)
-            rgba = np.asarray(_to_rgba(image))
+            rgba = to_rgba(image)
         if compile_seconds and not self._compiler.is_busy():
             drop_programs()
         return Picture(rgba, plan, time.perf_counter() - began, sum(compile_seconds))
@@ -135,18 +134,30 @@ def compile_times() -> Iterator[list[float]]:
         jax.monitoring.unregister_event_duration_listener(listen)
 
 
-@jax.jit
-def _to_rgba(image: Float[Array, "height width channels"]) -> UInt8[Array, "height width 4"]:
+def to_rgba(image: Float[Array, "height width channels"]) -> UInt8[np.ndarray, "height width 4"]:
     """Convert floats to bytes as `io.pixel_values.to_bytes` does, bit for bit."""
-    # In one fusion the product and the sum could be rounded once instead of twice.
-    scaled = materialized(_scale)(image)
-    levels = jnp.floor(scaled + 0.5).astype(jnp.uint8)
-    if image.shape[-1] == 4:
-        return levels
-    opaque = jnp.full((*image.shape[:2], 1), 255, jnp.uint8)
-    return jnp.concatenate([levels, opaque], axis=-1)
+    # On a big-endian machine the bytes of a word would be in the opposite order.
+    words = np.asarray(_to_words(image)).astype("<u4", copy=False)
+    return words.view(np.uint8).reshape(*words.shape, 4)
 
 
-def _scale(image: Float[Array, "height width channels"]) -> Float[Array, "height width channels"]:
-    """Clip colours to 0..1, and multiply them by 255."""
-    return jnp.clip(image, 0.0, 1.0) * 255.0
+@jax.jit
+def _to_words(image: Float[Array, "height width channels"]) -> UInt32[Array, "height width"]:
+    """Convert each pixel to a word of four bytes, with red in the lowest byte.
+
+    The compiler vectorises operations on words, but not the interleaving of bytes.
+    """
+    levels = [_to_level(image[..., channel]) for channel in range(image.shape[-1])]
+    if len(levels) == 3:
+        levels.append(jnp.full(image.shape[:2], 255, jnp.uint32))
+    red, green, blue, alpha = levels
+    return red | (green << 8) | (blue << 16) | (alpha << 24)
+
+
+def _to_level(channel: Float[Array, "height width"]) -> UInt32[Array, "height width"]:
+    """Clip the values of a channel to 0..1, and round 255 times the value to an integer.
+
+    The compiler may round the product and the sum together, once instead of twice. That gives the
+    same integer for every float32 in 0..1.
+    """
+    return jnp.floor(jnp.clip(channel, 0.0, 1.0) * 255.0 + 0.5).astype(jnp.uint32)

@@ -8,7 +8,7 @@ that only this colour is sent. A general compressor takes longer than it saves.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8, UInt32
 
 BLOCK = 16
 """Number of pixels in a block.
@@ -19,7 +19,7 @@ Pixels are counted row by row, so a block may begin at the end of one row and en
 _LEAST_SHARE = 0.3
 """Fraction of the blocks that must have a single colour for the picture to be packed."""
 
-_ALL_EQUAL = np.uint64(0x0101010101010101)
+_ALL_TRUE = np.uint64(0x0101010101010101)
 """Eight boolean bytes that are all true."""
 
 
@@ -45,17 +45,30 @@ def pack_pixels(rgba: UInt8[np.ndarray, " bytes"]) -> PackedPixels | None:
     """Pack the RGBA bytes of a picture, given row by row; None if packing would save little."""
     pixels = rgba.view(np.uint32)
     count = len(pixels) // BLOCK
-    blocks = pixels[: count * BLOCK].reshape(count, BLOCK)
-    equals_first = (blocks == blocks[:, :1]).view(np.uint64)
-    has_one_color = (equals_first == _ALL_EQUAL).all(axis=1)
+    in_blocks, after_blocks = pixels[: count * BLOCK], pixels[count * BLOCK :]
+    has_one_color = _find_blocks_of_one_color(in_blocks)
     colors = int(np.count_nonzero(has_one_color))
     if colors < max(1, _LEAST_SHARE * count):
         return None
     bits = np.packbits(has_one_color, bitorder="little").tobytes()
+    # Selecting whole blocks, each as one item, is several times as fast as selecting rows.
+    blocks = in_blocks.view(np.dtype((np.void, 4 * BLOCK)))
     parts = [
         bits.ljust(-(-len(bits) // 4) * 4, b"\0"),
-        np.ascontiguousarray(blocks[has_one_color, 0]).data,
-        blocks[~has_one_color].reshape(-1).data,
-        pixels[count * BLOCK :].data,
+        in_blocks[::BLOCK][has_one_color].data,
+        blocks[~has_one_color].view(np.uint8).data,
+        after_blocks.data,
     ]
     return PackedPixels(count, colors, b"".join(parts))
+
+
+def _find_blocks_of_one_color(
+    pixels: UInt32[np.ndarray, " pixels"],
+) -> Bool[np.ndarray, " blocks"]:
+    """Whether all pixels of each block are equal; the number of pixels is a multiple of `BLOCK`."""
+    equals_previous = np.ones(len(pixels), bool)
+    np.equal(pixels[1:], pixels[:-1], out=equals_previous[1:])
+    # The first pixel of a block has no previous pixel within the block.
+    equals_previous[::BLOCK] = True
+    halves = equals_previous.view(np.uint64).reshape(-1, BLOCK // 8)
+    return (halves == _ALL_TRUE).all(axis=1)

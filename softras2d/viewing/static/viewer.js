@@ -170,18 +170,30 @@ function openModel(model) {
   return transport;
 }
 
+// Returns the numbers of a DataView as an array of a type such as Uint32Array.
+function numbersOf(payload, ArrayType) {
+  const { buffer, byteOffset, byteLength } = payload;
+  const bytesPerNumber = ArrayType.BYTES_PER_ELEMENT;
+  if (byteOffset % bytesPerNumber === 0) {
+    return new ArrayType(buffer, byteOffset, byteLength / bytesPerNumber);
+  }
+  // Numbers must begin at a multiple of their length, so these bytes are copied.
+  return new ArrayType(buffer.slice(byteOffset, byteOffset + byteLength));
+}
+
 // Returns the RGBA bytes of a picture. `packed_pixels.py` describes how they are packed: after
 // the bits that say which blocks have one colour, there are `colors` such colours, then all pixels
-// of the other blocks, then the pixels after the last whole block.
-function unpackPixels({ width, height, blocks, colors }, payload) {
-  const { buffer, byteOffset, byteLength } = payload;
-  if (blocks === undefined) return new Uint8ClampedArray(buffer, byteOffset, byteLength);
-  // The bytes are copied, because 32-bit words must begin at a multiple of 4 bytes.
-  const bytes = buffer.slice(byteOffset, byteOffset + byteLength);
-  const bitBytes = 4 * Math.ceil(blocks / 32);
-  const bits = new Uint8Array(bytes, 0, bitBytes);
-  const words = new Uint32Array(bytes, bitBytes);
-  const pixels = new Uint32Array(width * height);
+// of the other blocks, then the pixels after the last whole block. An array of this length that is
+// no longer used may be given, to be overwritten and returned: a new one takes longer.
+function unpackPixels({ width, height, blocks, colors }, payload, unused) {
+  if (blocks === undefined) return numbersOf(payload, Uint8ClampedArray);
+  const bitWords = Math.ceil(blocks / 32);
+  const allWords = numbersOf(payload, Uint32Array);
+  const bits = new Uint8Array(allWords.buffer, allWords.byteOffset, 4 * bitWords);
+  const words = allWords.subarray(bitWords);
+  const pixels = unused?.byteLength === 4 * width * height
+    ? new Uint32Array(unused.buffer)
+    : new Uint32Array(width * height);
   const hasOneColor = (block) => (bits[block >> 3] >> (block & 7)) & 1;
   let [block, nextColor, nextPixel] = [0, 0, colors];
   // Each iteration unpacks a run of blocks: either blocks of one and the same colour, or blocks
@@ -271,7 +283,9 @@ class Viewer {
     this.isFitted = false; // Whether the view is still the one that `fitToStage` chose.
 
     // Slot "a" is the picture of the settings, and slot "b" the one that it is compared with.
-    this.pictures = {}; // The last picture of each slot: {canvas, rgba, view, header, id}.
+    // The last picture of each slot: {canvas, rgba, view, header, id, unused}. `unused` is an array
+    // of bytes for a later picture.
+    this.pictures = {};
     this.pictureRequests = {}; // The last request for each slot: {id, key}.
     // Of each kind of overlay, the last request as `key` and `request`, and the last reply as
     // `view`, `header` and `values`.
@@ -1090,13 +1104,15 @@ class Viewer {
     const { slot, height, width } = header;
     const previous = this.pictures[slot];
     if (header.id < this.oldestPictureId || (previous && previous.id > header.id)) return;
-    const rgba = unpackPixels(header, payload);
+    const rgba = unpackPixels(header, payload, previous?.unused);
     let canvas = previous?.canvas;
     if (!canvas || canvas.width !== width || canvas.height !== height) {
       canvas = new OffscreenCanvas(width, height);
     }
     canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
-    this.pictures[slot] = { canvas, rgba, view: header.view, header, id: header.id };
+    // An array that is a part of a message cannot be reused.
+    const unused = previous?.header.blocks === undefined ? undefined : previous.rgba;
+    this.pictures[slot] = { canvas, rgba, view: header.view, header, id: header.id, unused };
     if (header.id === this.pictureRequests[slot]?.id) this.error = "";
     this.stillImage.hidden = true;
     if (slot === "a") this.updatePlan(header);
@@ -1111,9 +1127,7 @@ class Viewer {
   onOverlay(header, payload, ArrayType) {
     const data = this.overlayData[header.kind];
     if (data?.request?.id !== header.id) return;
-    const { buffer, byteOffset, byteLength } = payload;
-    // The bytes are copied, because numbers of 32 bits must begin at a multiple of 4 bytes.
-    const values = new ArrayType(buffer.slice(byteOffset, byteOffset + byteLength));
+    const values = numbersOf(payload, ArrayType);
     this.overlayData[header.kind] = { ...data, view: data.request.view, header, values };
     this.paint();
     this.updateStatus();
