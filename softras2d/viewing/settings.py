@@ -9,7 +9,7 @@ from .message_fields import check_range
 SOFT_WIDTHS = (0.1, 8.0)
 """Least and greatest width of soft edges, in pixels."""
 
-LOD_BIASES = (-8.0, 8.0)
+LOD_BIASES = (-4.0, 4.0)
 """Least and greatest bias of the level of detail, in mip levels."""
 
 

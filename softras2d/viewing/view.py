@@ -5,8 +5,12 @@ from dataclasses import dataclass
 from ..io.svg.elements.view_box import MAX_SIDE
 from .message_fields import check_range
 
+MAX_OFFSET = 2**20
+"""Maximum size of the offset of a view in the enlarged drawing, in pixels along either axis."""
+
 MAX_CANVAS_SIDE = 8192
 """Maximum length of a side of a view's canvas, in pixels."""
+
 MAX_CANVAS_PIXELS = 2**24
 """Maximum number of pixels of a view's canvas."""
 
@@ -32,7 +36,7 @@ class View:
     def __post_init__(self):
         check_range("zoom", self.zoom, 1e-4, 1e5)
         for name in ("x", "y"):
-            check_range(name, getattr(self, name), -(2.0**20), 2.0**20)
+            check_range(name, getattr(self, name), -MAX_OFFSET, MAX_OFFSET)
         for name in ("height", "width"):
             check_range(name, getattr(self, name), 1, MAX_CANVAS_SIDE)
         check_range("height x width", self.height * self.width, 1, MAX_CANVAS_PIXELS)

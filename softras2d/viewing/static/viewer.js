@@ -13,6 +13,7 @@
 // - CSS pixels are those of pointer events and of the layout; `devicePixelRatio` screen pixels are
 //   one CSS pixel.
 
+// Names and bounds that Python has too: `tests/viewing/test_page_constants.py` compares them.
 const COVERAGES = ["sampled", "soft", "area"];
 const SAMPLES = [1, 4, 9, 16, 64];
 const FILL_RULES = ["inclusive", "top_left"];
@@ -29,8 +30,9 @@ const ZOOM_STEP = 1.25;
 // coordinates in float32 are too coarse.
 const MIN_DRAWING_SIDE = 4;
 const MAX_DRAWING_SIDE = 65536;
-const MAX_OFFSET = 1e6; // Bound on `view.x` and `view.y`; Python accepts 2**20.
-const MAX_CANVAS_SIDE = 4096; // Python draws at most 4096**2 pixels of a canvas.
+const MAX_OFFSET = 2 ** 20; // Bound on `view.x` and `view.y`.
+const MAX_CANVAS_SIDE = 8192;
+const MAX_CANVAS_PIXELS = 2 ** 24;
 const CANVAS_STEP = 32; // Canvas sides are multiples of this many screen pixels.
 const NARROW_WIDTH = 900; // Up to this width, in CSS pixels, a viewer starts without its panel.
 
@@ -736,11 +738,13 @@ class Viewer {
     // Python compiles a program per canvas size, so the size grows in steps. The stage cuts off
     // what lies outside of it.
     const step = Math.max(2, CANVAS_STEP / this.pixelSize);
-    const canvasSide = (cssLength) => {
+    const canvasSide = (cssLength, maxSide) => {
       const steps = Math.ceil((cssLength * ratio) / this.pixelSize / step);
-      return clamp(steps * step, step, MAX_CANVAS_SIDE);
+      return clamp(steps * step, step, Math.floor(maxSide / step) * step);
     };
-    const [width, height] = [canvasSide(box.width), canvasSide(box.height)];
+    const width = canvasSide(box.width, MAX_CANVAS_SIDE);
+    const maxHeight = Math.min(MAX_CANVAS_SIDE, MAX_CANVAS_PIXELS / width);
+    const height = canvasSide(box.height, maxHeight);
     // Canvases begin at a whole screen pixel, so that the browser does not resample them.
     this.margin = [
       Math.floor((box.width * ratio - width * this.pixelSize) / 2) / ratio,
