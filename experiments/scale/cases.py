@@ -80,11 +80,17 @@ def measure_canvas(case: Case) -> dict[str, Any]:
 
 
 def measure_triangles(case: Case) -> dict[str, Any]:
-    """Plan, compile and run an image, or its gradient with respect to positions and colours."""
+    """Plan, compile and run an image, or its gradient with respect to positions and colours.
+
+    The time to plan and the time to run are each the lesser of two.
+    """
     scene = random_scene(case.triangles, case.side, 2.0)
-    began = time.process_time()
     arguments: dict[str, Any] = {"height": case.side, "width": case.side}
-    plan = sr.plan(scene, coverage=COVERAGES[case.coverage], **arguments)
+    plan_times = []
+    for _ in range(2):
+        start = time.process_time()
+        plan = sr.plan(scene, coverage=COVERAGES[case.coverage], **arguments)
+        plan_times.append(time.process_time() - start)
     planned = time.process_time()
     floats, rest = eqx.partition(sr.pad(scene), eqx.is_inexact_array)
 
@@ -107,7 +113,7 @@ def measure_triangles(case: Case) -> dict[str, Any]:
     overflow = result[1] if case.kind == "image" else result[0][1]
     assert not bool(overflow)
     return {
-        "plan_s": round(planned - began, 2),
+        "plan_s": round(min(plan_times), 2),
         "compile_s": round(compiled - planned, 1),
         "run_s": round(min(times), 2),
         "windows": 1,

@@ -30,6 +30,7 @@ counts on the host what a render does on the device.
 
 from typing import NamedTuple
 
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..numerics.array_types import HostOrDeviceArray
@@ -206,15 +207,25 @@ def snapped_corners(
     defined = xp.where(finite[:, None], positions, xp.zeros_like(positions))
     units = xp.round(xp.clip(defined, -(2.0**30), 2.0**30) * 2.0**grid.bits)
     snapped = xp.where(xp.abs(defined) < 2.0**30, units * 2.0**-grid.bits, defined)
-    # The origin is subtracted in two parts, each of which is exact in float32.
-    coarse = origin & ~0xFFF
-    high, first_error = sum_of(snapped, -coarse.astype(dtype)[None])
-    high, second_error = sum_of(high, -(origin - coarse).astype(dtype)[None])
-    high, low = sum_of(high, first_error + second_error)
+    high, low = _subtract_origin(snapped, origin)
     finite = xp.all(finite[triangles], axis=1) & ~is_padding(triangles)
     zero = xp.zeros((1, 1, 1), dtype)
     high, low = (xp.where(finite[:, None, None], entry[triangles], zero) for entry in (high, low))
     return Corners(high, low, finite)
+
+
+def _subtract_origin(
+    snapped: Float[HostOrDeviceArray, "vertices 2"], origin: Int[HostOrDeviceArray, "2"]
+) -> tuple[Float[HostOrDeviceArray, "vertices 2"], Float[HostOrDeviceArray, "vertices 2"]]:
+    """Subtract whole pixels from snapped coordinates; the difference is exactly `high` + `low`."""
+    if isinstance(origin, np.ndarray) and not origin.any():
+        return snapped, np.zeros_like(snapped)
+    dtype = snapped.dtype
+    # The origin is subtracted in two parts, each of which is exact in float32.
+    coarse = origin & ~0xFFF
+    high, first_error = sum_of(snapped, -coarse.astype(dtype)[None])
+    high, second_error = sum_of(high, -(origin - coarse).astype(dtype)[None])
+    return sum_of(high, first_error + second_error)
 
 
 class Snapped(NamedTuple):

@@ -84,13 +84,22 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
         np.asarray(array)
         for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
     )
-    low, high = np.array(drawing.grid.guard, positions.dtype)
-    on_canvas = positions - origin.astype(positions.dtype)
+    guard = np.array(drawing.grid.guard, positions.dtype)
     # Snapping moves a vertex by less than a pixel, so this needs no snapped corners.
-    if ((on_canvas >= low + 1) & (on_canvas <= high - 1)).all():
+    if all(
+        _lies_between(positions[:, axis] - origin[axis].astype(positions.dtype), *guard[:, axis])
+        for axis in (0, 1)
+    ):
         return np.ones(len(triangles), bool)
     corners = snapped_corners(positions, triangles, origin, drawing.grid)
     return np.asarray(within_guard(corners, drawing.grid))
+
+
+def _lies_between(coordinates: np.ndarray, low: np.floating, high: np.floating) -> bool:
+    """Whether all coordinates are more than a pixel inside `low..high`; false for a NaN."""
+    if coordinates.size == 0:
+        return True
+    return bool(coordinates.min() >= low + 1 and coordinates.max() <= high - 1)
 
 
 def _has_mip_levels(drawing: Drawing) -> bool:
