@@ -3,13 +3,14 @@
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..color import premultiply, unpremultiply
 from .layer_boundary import layer_boundary
 from .overflow import nan_on_overflow
 from .pixel_layers import PixelLayers
-from .visibility import Visibility
+from .visibility import Visibility, refuse_batch
 
 
 def composite(
@@ -38,6 +39,7 @@ def composite(
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """
+    refuse_batch(visible)
     triangle, coverage = _layers(visible)
     is_empty = visible.scene.triangles.shape[0] == 0
     if callable(values) and is_empty:
@@ -46,11 +48,11 @@ def composite(
     if callable(values):
         layer_values = _shade_layers(values, triangle, visible.barycentric)
     else:
-        layer_values = values = jnp.asarray(values)
+        layer_values = values = _with_layer_axis(jnp.asarray(values), visible)
     if layer_values.shape[:-1] != triangle.shape or layer_values.shape[-1] not in (3, 4):
         raise ValueError(
-            f"`values` must be {list(triangle.shape)} with a last axis of 3 or 4 channels; got "
-            f"{list(layer_values.shape)}."
+            f"`values` must be {list(visible.triangle.shape)} with a last axis of 3 or 4 channels; "
+            f"got {list(layer_values.shape)}."
         )
     background = visible.scene.background if background is None else jnp.asarray(background)
     if background.shape not in ((3,), (4,)):
@@ -101,12 +103,27 @@ def _shade_layers(
 ) -> Float[Array, "*samples layers channels"]:
     """Evaluate the function `shade` for every layer, from its triangle and barycentric weights.
 
-    An unused layer, whose triangle is -1, is shaded at the centroid of triangle 0.
+    An unused layer, whose triangle is -1, is shaded at the centroid of triangle 0. Raises
+    `ValueError` if the function returns anything but an array with one row for each layer.
     """
     # With weights of 0, a function that normalizes what it interpolates would return NaN.
     weights = jnp.where((triangle < 0)[..., None], 1.0 / 3.0, weights.reshape(*triangle.shape, 3))
-    values = shade(jnp.maximum(triangle.reshape(-1), 0), weights.reshape(-1, 3))
-    return values.reshape(*triangle.shape, -1)
+    values: Any = shade(jnp.maximum(triangle.reshape(-1), 0), weights.reshape(-1, 3))
+    is_array = isinstance(values, Array | np.ndarray)
+    if not is_array or values.ndim != 2 or len(values) != triangle.size:
+        raise ValueError(
+            "`values` must map [n] triangles and [n, 3] weights to one array [n, 3 or 4]; for n = "
+            f"{triangle.size} it returned {values.shape if is_array else type(values).__name__}."
+        )
+    return jnp.asarray(values).reshape(*triangle.shape, -1)
+
+
+def _with_layer_axis(values: Array, visible: Visibility | PixelLayers) -> Array:
+    """Return values with an axis of layers, which the buffers of `rasterize` lack for one layer."""
+    has_one_layer = isinstance(visible, Visibility) and visible.triangle.ndim == 3
+    if has_one_layer and values.shape[:-1] == visible.triangle.shape:
+        return values[..., None, :]
+    return values
 
 
 def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:

@@ -1,5 +1,7 @@
 """`pixel_layers`: the topmost triangles of each pixel, for `Soft` and `Area`."""
 
+from typing import SupportsIndex
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -8,10 +10,10 @@ from ..planning.plan import Plan
 from ..scene import Scene
 from .modes import pixel_layers_mode_of
 from .overflow import compare, nan_on_overflow, raise_on_overflow
-from .pixel_layers import PixelLayers
+from .pixel_layers import PixelLayers, checked_layers
 
 
-def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
+def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLayers:
     """Find the topmost triangles of each pixel, with their coverage and barycentric weights.
 
     - `plan`: for `Soft` or `Area` coverage; `rasterize` is for `Hard`.
@@ -23,8 +25,9 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: int) -> PixelLayers:
     plan with `Hard` coverage, and if `layers` is less than 1.
     """
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
-    if not isinstance(layers, int) or layers < 1:
-        raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
+    layers = checked_layers(layers)
+    if scene.positions.ndim != 2:
+        raise ValueError("`pixel_layers` takes one scene: use jax.vmap for a batched one.")
     if scene.triangles.shape[0] == 0:
         shape = (plan.height, plan.width, layers)
         coverage = jnp.zeros(shape, scene.positions.dtype)

@@ -11,9 +11,10 @@ from ..gradients.sample_colors import OpaqueSamples
 from .corner_weights import buffer_weights, with_unit_corners
 from .given_colors import ArrayColors, Shade, ShadedColors
 from .overflow import nan_on_overflow
+from .pixel_layers import PixelLayers
 from .projected_scene import Projected, boundary_shape
 from .sample_grid import samples_of_rows
-from .visibility import Visibility
+from .visibility import Visibility, refuse_batch
 from .visible_samples import bin_scene, find_visible
 
 _BLOCK = 2**16
@@ -49,14 +50,21 @@ def resolve(
     Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
     `ValueError` for several layers, and for shapes that do not match.
     """
-    if visible.triangle.ndim != 3:
-        raise ValueError("`resolve` takes one layer: use `composite` for several.")
+    refuse_batch(visible)
+    if visible.triangle.ndim != 3 or isinstance(visible, PixelLayers):
+        raise ValueError(
+            "`resolve` takes one layer of `rasterize`: use `composite` for several, and for the "
+            "result of `pixel_layers`."
+        )
     dtype = visible.scene.positions.dtype
     is_function = callable(values)
     values = values if is_function else jnp.asarray(values)
-    channels = _count_channels(visible, values)
-    background = _background(visible, background, channels).astype(dtype)
-    if visible.scene.triangles.shape[0] == 0:
+    is_empty = visible.scene.triangles.shape[0] == 0
+    # Arrays of no triangles cannot be indexed, so a function is not even traced then.
+    expected = None if is_empty and is_function else _count_channels(visible, values)
+    background = _background(visible, background, expected).astype(dtype)
+    channels = background.shape[0]
+    if is_empty:
         return jnp.broadcast_to(background, (*visible.triangle.shape[:2], channels))
     scene, plan = with_unit_corners(visible.scene), visible.plan
     binned = bin_scene(scene, plan)
@@ -147,14 +155,19 @@ def _count_channels(visible: Visibility, values: Any) -> int:
     return result.shape[1]
 
 
-def _background(visible: Visibility, background: Any, channels: int) -> Float[Array, " channels"]:
+def _background(
+    visible: Visibility, background: Any, channels: int | None
+) -> Float[Array, " channels"]:
     """Return the given background, or the scene's if it is None.
 
-    Raises `ValueError` unless it has `channels` channels.
+    Raises `ValueError` unless it has `channels` channels, or any number if that is None.
     """
     name = "the scene's background" if background is None else "`background`"
     background = visible.scene.background if background is None else jnp.asarray(background)
-    if background.shape != (channels,):
+    if channels is None:
+        if background.ndim != 1:
+            raise ValueError(f"{name} must be [channels]; got shape {background.shape}.")
+    elif background.shape != (channels,):
         raise ValueError(
             f"{name} must have {channels} channels, as the values; got shape {background.shape}."
         )

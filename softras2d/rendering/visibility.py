@@ -1,7 +1,7 @@
 """`rasterize`: find the triangle that shows at each sample, and interpolate attributes there."""
 
 import functools
-from typing import Any
+from typing import Any, SupportsIndex
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
 from .listed_samples import ListedSamples, count_covering, nearest_layers
 from .overflow import Outcome, compare, nan_on_overflow, raise_on_overflow
+from .pixel_layers import PixelLayers, checked_layers
 from .projected_scene import project_scene
 from .sample_grid import map_over_rows, samples_of_rows
 from .visible_samples import bin_scene, find_visible, listed_words
@@ -86,6 +87,7 @@ class Visibility(eqx.Module):
     @property
     def coverage(self) -> Float[Array, "height width"]:
         """Fraction, 0..1, of the samples of each pixel that some triangle covers."""
+        refuse_batch(self)
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
         share = jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
         return self._checked(share)
@@ -97,6 +99,7 @@ class Visibility(eqx.Module):
         It is -1 everywhere if the scene outgrew the plan. If the argument `layers` of `rasterize`
         is the largest value of `overdraw` or more, no triangle is left out of the buffers.
         """
+        refuse_batch(self)
         count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
         return jnp.where(self.overflow, -1, count)
 
@@ -114,17 +117,19 @@ class Visibility(eqx.Module):
         - `uv`: texture coordinates of vertices `[vertices, 2]`, or of corners `[triangles, 3, 2]`.
 
         Entry [..., i, j] of the result is the change of coordinate i (u, v) along axis j (x, y). It
-        is the same at all points of a triangle unless the scene has `inverse_w`.
+        is the same at all points of a triangle unless the scene has `inverse_w`. Raises
+        `ValueError` for other shapes of `uv`.
         """
-        uv = jnp.asarray(uv)
-        corners = uv[self.scene.triangles] if uv.ndim == 2 else uv
+        corners = _at_corners(self, "uv", uv, channels=2)
+        if corners.shape[0] == 0:
+            return jnp.zeros((*triangle.shape, 2, 2), corners.dtype)
         change = uv_change(
             self.scene, self.plan, triangle.reshape(-1), barycentric.reshape(-1, 3), corners
         )
         return change.reshape(*triangle.shape, 2, 2)
 
 
-def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
+def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibility:
     """Find the triangle that shows at each sample, or the nearest few.
 
     - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
@@ -141,6 +146,7 @@ def rasterize(scene: Scene, plan: Plan, *, layers: int = 1) -> Visibility:
     Raises `ValueError` for a plan with `Soft` or `Area` coverage, and for indices of more than 2
     GiB: then draw the canvas in windows (`plan(origin=...)`).
     """
+    layers = checked_layers(layers)
     _check(plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
     return Visibility(triangle, scene, plan, raise_on_overflow(outcome, plan))
@@ -156,17 +162,43 @@ def interpolate(
     is differentiable with respect to the attributes, and to the scene's positions and `inverse_w`.
     Raises `ValueError` for other shapes.
     """
-    corners = jnp.asarray(attributes)
-    scene = visible.scene
+    corners = _at_corners(visible, "attributes", attributes)
+    return _interpolate(visible.barycentric, visible.triangle, corners)
+
+
+def refuse_batch(visible: Visibility | PixelLayers) -> None:
+    """Raise `ValueError` for the buffers of a batch, which `jax.vmap` returns.
+
+    An axis of scenes would be taken for an axis of the canvas, or for the axis of layers.
+    """
+    if visible.scene.positions.ndim != 2:
+        raise ValueError(
+            "these are buffers of a batch of scenes: use them under jax.vmap, as in "
+            "jax.vmap(lambda visible: visible.coverage)(batch)."
+        )
+
+
+def _at_corners(
+    visible: Visibility, name: str, values: Any, channels: int | None = None
+) -> Float[Array, "triangles 3 channels"]:
+    """Return values of vertices or of corners as values of corners.
+
+    Raises `ValueError`, naming the argument `name`, unless `values` is `[vertices, channels]` or
+    `[triangles, 3, channels]`. If `channels` is None, any number is accepted.
+    """
+    refuse_batch(visible)
+    corners, scene = jnp.asarray(values), visible.scene
     if corners.ndim == 2 and corners.shape[0] == scene.positions.shape[0]:
         corners = corners[scene.triangles]
-    if corners.ndim != 3 or corners.shape[:2] != scene.triangles.shape:
+    is_wrong = corners.ndim != 3 or corners.shape[:2] != scene.triangles.shape
+    if is_wrong or channels not in (None, corners.shape[2]):
         vertices, triangles = scene.positions.shape[0], scene.triangles.shape[0]
+        last = "channels" if channels is None else channels
         raise ValueError(
-            f"`attributes` must be [{vertices} vertices, channels] or [{triangles} triangles, 3, "
-            f"channels]; got {tuple(jnp.shape(attributes))}."
+            f"`{name}` must be [{vertices} vertices, {last}] or [{triangles} triangles, 3, "
+            f"{last}]; got {tuple(jnp.shape(values))}."
         )
-    return _interpolate(visible.barycentric, visible.triangle, corners)
+    return corners
 
 
 def _interpolate(
@@ -187,8 +219,6 @@ def _interpolate(
 
 def _check(plan: Plan, layers: int) -> None:
     """Check the arguments of `rasterize`; raise `ValueError` for those that it does not take."""
-    if not isinstance(layers, int) or layers < 1:
-        raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
     if plan.side:
         raise ValueError(
             f"`rasterize` needs a plan for Hard(...), and `pixel_layers` one for Soft(...) or "
@@ -260,6 +290,7 @@ def _weights(visible: Visibility, *, perspective: bool) -> Array:
     The last axis has the three corners. If `perspective` is false, the weights are affine on the
     screen even if the scene has `inverse_w`.
     """
+    refuse_batch(visible)
     scene, plan, triangle = visible.scene, visible.plan, visible.triangle
     grid = plan.grid
     if scene.triangles.shape[0] == 0:

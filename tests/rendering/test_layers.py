@@ -183,11 +183,26 @@ def test_layers_of_another_coverage_are_refused(coverage, layers, message):
         sr.pixel_layers(scene, plan, layers=layers)
 
 
+def test_one_layer_takes_an_array_without_an_axis_of_layers():
+    scene = scene_of(alpha=False)
+    plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Hard(4))
+    visible = sr.rasterize(scene, plan)
+    # The weights, as colours, are zero where the background shows.
+    image = sr.composite(visible, visible.barycentric)
+    expected = sr.composite(visible, visible.barycentric[..., None, :])
+    np.testing.assert_array_equal(image, expected)
+    with pytest.raises(ValueError, match=rf"must be \[{HEIGHT}, {WIDTH}, 4\] with a last axis"):
+        sr.composite(visible, visible.barycentric[..., :2])
+
+
 def test_composite_refuses_other_shapes():
     scene = scene_of(alpha=False)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Area())
     found = sr.pixel_layers(scene, plan, layers=2)
     with pytest.raises(ValueError, match="`values` must be"):
         sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 2)))
+    for shade in (lambda t, b: (b, b), lambda t, b: b[:, 0], lambda t, b: b[:1]):
+        with pytest.raises(ValueError, match="`values` must map"):
+            sr.composite(found, shade)
     with pytest.raises(ValueError, match="`background` must be"):
         sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 3), np.float32), background=[0.0])

@@ -1,5 +1,6 @@
 """`resolve` refuses invalid arguments, and gives an error or NaN if a scene exceeds its plan."""
 
+import inspect
 from dataclasses import replace
 from typing import Any
 
@@ -50,6 +51,14 @@ def test_several_layers_are_refused():
     scene, plan = small_scene()
     with pytest.raises(ValueError, match="`resolve` takes one layer"):
         jax.eval_shape(lambda: sr.resolve(sr.rasterize(scene, plan, layers=2), weights_as_values))
+
+
+def test_layers_of_analytic_coverage_are_refused():
+    scene, _ = small_scene()
+    found = sr.pixel_layers(scene, sr.plan(scene, height=8, width=9, coverage=sr.Area()), layers=2)
+    with pytest.raises(ValueError, match="use `composite` for several, and for the result of"):
+        # Without the check of annotations, which comes first in tests.
+        inspect.unwrap(sr.resolve)(found, weights_as_values)
 
 
 def image_of(scene: sr.Scene, plan: sr.Plan) -> Any:

@@ -262,8 +262,15 @@ def test_an_empty_scene_shows_background():
             assert not np.asarray(buffer).any()
         values = sr.interpolate(visible, np.zeros((0, 3, 2), np.float32))
         assert values.shape == (5, 7, 4, *extra, 2)
-    image = sr.resolve(sr.rasterize(scene, plan), lambda triangle, weights: weights)
-    np.testing.assert_array_equal(image, np.broadcast_to(scene.background, (5, 7, 3)))
+    visible = sr.rasterize(scene, plan)
+    assert visible.footprint(visible.triangle, visible.barycentric, np.zeros((0, 3, 2))).shape == (
+        *(5, 7, 4),
+        *(2, 2),
+    )
+    # The second function indexes an array of no triangles.
+    for shade in (lambda triangle, weights: weights, lambda triangle, _: scene.colors[triangle, 0]):
+        image = sr.resolve(visible, shade)
+        np.testing.assert_array_equal(image, np.broadcast_to(scene.background, (5, 7, 3)))
 
 
 @pytest.mark.slow
@@ -307,3 +314,53 @@ def test_a_batched_scene_is_refused():
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *drawn)
     with pytest.raises(ValueError, match=r"one scene: use jax\.vmap"):
         sr.rasterize(batch, plan_of(drawn[0], ON, PLAIN))
+    area = sr.plan(drawn[0], height=ON.height, width=ON.width, coverage=sr.Area())
+    with pytest.raises(ValueError, match=r"one scene: use jax\.vmap"):
+        sr.pixel_layers(batch, area, layers=1)
+
+
+def weights_as_values(triangle: Any, weights: Any) -> Any:
+    return weights
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda visible: visible.barycentric,
+        lambda visible: visible.coverage,
+        lambda visible: visible.overdraw,
+        lambda visible: sr.interpolate(visible, visible.scene.positions[0]),
+        lambda visible: sr.resolve(visible, weights_as_values),
+        lambda visible: sr.composite(visible, weights_as_values),
+    ],
+)
+def test_buffers_of_a_batch_are_refused_outside_vmap(read):
+    # As many scenes as rows, so that the axis of scenes has the size of another one.
+    scene = scene_of(soup_of(0, texels=None))
+    plan = plan_of(scene, ON, PLAIN)
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * ON.height), scene)
+    visible = jax.eval_shape(jax.vmap(lambda scene: sr.rasterize(scene, plan)), batch)
+    with pytest.raises(ValueError, match="these are buffers of a batch of scenes") as raised:
+        jax.eval_shape(read, visible)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("layers", [np.int64(2), jnp.asarray(2)])
+def test_integers_of_numpy_and_jax_are_numbers_of_layers(layers):
+    scene = scene_of(soup_of(0, texels=None))
+    plan = plan_of(scene, ON, PLAIN)
+    visible = jax.eval_shape(lambda: sr.rasterize(scene, plan, layers=layers))
+    assert visible.triangle.shape[-1] == 2
+
+
+def test_texture_coordinates_of_another_shape_are_refused():
+    scene = scene_of(soup_of(0, texels=None))
+    plan = plan_of(scene, ON, PLAIN)
+    triangle, weights = jnp.zeros(1, jnp.int32), jnp.ones((1, 3)) / 3
+    for shape in ((scene.positions.shape[0], 3), (scene.triangles.shape[0] + 1, 3, 2)):
+        with pytest.raises(ValueError, match=r"`uv` must be \[\d+ vertices, 2\] or"):
+            jax.eval_shape(
+                lambda shape=shape: sr.rasterize(scene, plan).footprint(
+                    triangle, weights, np.zeros(shape, np.float32)
+                )
+            )
