@@ -1,7 +1,7 @@
 """The canvas with its fixed-point grid, to which vertices are snapped."""
 
 import operator
-from typing import NamedTuple
+from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
 
@@ -29,7 +29,9 @@ class Grid(NamedTuple):
     margin: float
 
     @staticmethod
-    def for_canvas(height: int, width: int, rate: int, bits: int | None = None) -> "Grid":
+    def for_canvas(
+        height: SupportsIndex, width: SupportsIndex, rate: int, bits: Any = None
+    ) -> "Grid":
         """Choose the fixed-point grid and the guard band of a canvas.
 
         By default the guard band extends half the longer side beyond each side of the canvas, and

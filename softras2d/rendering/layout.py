@@ -29,7 +29,8 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
     if growth.is_worst_case and all_pairs > MOST_PAIRS:
         raise ValueError(
             f"`capacity='worst_case'` lists {triangles:,} triangles for each of {tiling.count:,} "
-            f"tiles, more than {MOST_PAIRS:,} pairs: use `headroom` instead."
+            f"tiles, more than {MOST_PAIRS:,} pairs: use `softras2d.plan(scene, headroom=...)` "
+            "instead."
         )
     if growth.is_worst_case or all_pairs <= headroom.list_all_slots:
         return layout_of_all(triangles, listing)

@@ -2,7 +2,8 @@
 
 import functools
 import math
-from collections.abc import Sequence
+import operator
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +24,7 @@ from .modes import mode_of
 
 
 def plan(
-    scene: Scene | Sequence[Scene],
+    scene: Scene | Iterable[Scene],
     *,
     height: int,
     width: int,
@@ -84,8 +85,9 @@ def plan(
     mode.refuse_missing(drawings)
     layout = choose_layout(drawings, mode.list_needs(drawings, max_width, growth), growth)
     return Plan(
-        height=height,
-        width=width,
+        # From the grid, where they are integers of Python: static fields must not be NumPy's.
+        height=grid.height,
+        width=grid.width,
         coverage=coverage,
         filter=filter,
         origin=to_device(origin),
@@ -94,7 +96,7 @@ def plan(
         effects=effects_of(drawings, mode, growth),
         lists_all=layout.lists_all,
         on_overflow=on_overflow,
-        grid_bits=grid_bits,
+        grid_bits=None if grid_bits is None else grid.bits,
     )
 
 
@@ -116,10 +118,14 @@ def plan_for(
     `triangles` only. The other arguments are as in `plan`. Raises `ValueError` for invalid
     arguments, and if the worst case is too large to be drawn.
     """
-    if not isinstance(triangles, int) or triangles < 1:
+    try:
+        count = operator.index(triangles)
+    except TypeError:
+        count = 0
+    if count < 1:
         raise ValueError(f"`triangles` must be an integer of 1 or more; got {triangles!r}.")
     return plan(
-        jax.eval_shape(lambda: _blank(triangles)),
+        jax.eval_shape(lambda: _blank(count)),
         height=height,
         width=width,
         coverage=coverage,
@@ -141,10 +147,11 @@ def _blank(triangles: int) -> Scene:
     )
 
 
-def _checked_growth(capacity: PlanCapacity, headroom: float) -> Growth:
+def _checked_growth(capacity: PlanCapacity, headroom: Any) -> Growth:
     """Check the arguments `capacity` and `headroom` of `plan`, and return them as a `Growth`."""
     check_name("capacity", capacity, PlanCapacity)
-    if not (isinstance(headroom, int | float) and 1 <= headroom < math.inf):
+    is_number = isinstance(headroom, int | float | np.integer | np.floating)
+    if not (is_number and 1 <= headroom < math.inf):
         raise ValueError(f"`headroom` must be a number of 1 or more; got {headroom!r}.")
     return Growth(float(headroom), capacity == "worst_case")
 
@@ -168,28 +175,45 @@ def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) 
     )
 
 
-def _scene_list(scene: Scene | Sequence[Scene]) -> list[Scene]:
+def _given_scenes(scene: Any) -> list[Scene]:
+    """Return the argument `scene` of `plan` as a list of scenes, some of which may be batches.
+
+    Raises `ValueError` unless it is a scene or several.
+    """
+    is_several = isinstance(scene, Iterable) and not isinstance(scene, Scene)
+    given: list[Any] = list(scene) if is_several else [scene]
+    if not given:
+        raise ValueError("`scene` must be a scene or several; got an empty list.")
+    for one in given:
+        if not isinstance(one, Scene):
+            raise ValueError(f"`scene` must be a scene or several; got {type(one).__name__}.")
+    return given
+
+
+def _scene_list(scene: Any) -> list[Scene]:
     """Return the argument `scene` of `plan` as a list, with each batch split into its scenes.
 
-    Raises `ValueError` if a scene is traced, or if there is no scene.
+    Raises `ValueError` if the values of a scene are unknown, or if there is no scene.
     """
-    if is_traced(scene):
-        raise ValueError("`plan` needs concrete scenes: make the plan outside jit, vmap and grad.")
-    given = [scene] if isinstance(scene, Scene) else scene
+    given = _given_scenes(scene)
+    is_shape = any(isinstance(leaf, jax.ShapeDtypeStruct) for leaf in jax.tree.leaves(given))
+    if is_shape or is_traced(given):
+        raise ValueError(
+            "`plan` needs concrete scenes: make the plan outside jit, vmap and grad, or with "
+            "`capacity='worst_case'`, which needs only shapes."
+        )
     scenes = [one for batch in given for one in _unstack(batch)]
     if not scenes:
-        raise ValueError("`scene` must be a scene or several; got an empty list.")
+        raise ValueError("`scene` must be a scene or several; got an empty batch.")
     return scenes
 
 
-def _shapes(scene: Scene | Sequence[Scene]) -> list[Scene]:
+def _shapes(scene: Any) -> list[Scene]:
     """Return one scene of `jax.ShapeDtypeStruct` leaves for each given scene or batch.
 
     Scenes whose values are known are checked; raises `ValueError` for invalid ones.
     """
-    given = [scene] if isinstance(scene, Scene) else scene
-    if not given:
-        raise ValueError("`scene` must be a scene or several; got an empty list.")
+    given = _given_scenes(scene)
     for one in given:
         if all(isinstance(leaf, np.ndarray | jax.Array) for leaf in jax.tree.leaves(one)):
             check(one)

@@ -1,5 +1,6 @@
 """A render reports a scene that exceeds the capacities of its plan; options enlarge them."""
 
+import inspect
 from dataclasses import replace
 
 import jax
@@ -158,7 +159,33 @@ def test_invalid_capacities_are_refused(options, message):
 
 
 def test_a_worst_case_that_is_too_large_is_refused():
-    with pytest.raises(ValueError, match="use `headroom` instead"):
+    with pytest.raises(ValueError, match=r"use `softras2d\.plan\(scene, headroom"):
         sr.plan_for(triangles=10**6, height=4096, width=4096)
     with pytest.raises(ValueError, match="`triangles` must be an integer"):
         sr.plan_for(triangles=0, height=4, width=4)
+
+
+def test_numpy_numbers_make_the_same_plan():
+    scene = random_scene()
+    options = {"height": 40, "width": 48, "grid_bits": 12, "headroom": 1.5}
+    numbers = {name: np.asarray(value)[()] for name, value in options.items()}
+    plan, plan_for = inspect.unwrap(sr.plan), inspect.unwrap(sr.plan_for)  # As outside tests.
+    plans = [plan(scene, **given) for given in (options, numbers)]
+    assert jax.tree.structure(plans[0]) == jax.tree.structure(plans[1])
+    plans = [plan_for(triangles=count, height=4, width=4) for count in (3, np.int64(3))]
+    assert jax.tree.structure(plans[0]) == jax.tree.structure(plans[1])
+
+
+@pytest.mark.parametrize("capacity", ["scene", "worst_case"])
+def test_scenes_of_a_generator_make_the_plan_of_a_list(capacity):
+    scenes = [random_scene(), random_scene()]
+    plans = [plan_of(given, capacity=capacity) for given in (scenes, (one for one in scenes))]
+    assert jax.tree.structure(plans[0]) == jax.tree.structure(plans[1])
+    for wrong in (np.zeros((3, 2)), [np.zeros((3, 2))], []):
+        with pytest.raises(ValueError, match="`scene` must be a scene or several; got"):
+            inspect.unwrap(sr.plan)(wrong, height=4, width=4, capacity=capacity)
+
+
+def test_shapes_alone_need_the_worst_case():
+    with pytest.raises(ValueError, match="or with `capacity='worst_case'`"):
+        plan_of(jax.eval_shape(random_scene))
