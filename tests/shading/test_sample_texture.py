@@ -1,5 +1,6 @@
 """`sample_texture` equals the texture oracle, and its gradient equals finite differences."""
 
+import inspect
 from typing import Any
 
 import equinox as eqx
@@ -158,4 +159,21 @@ def test_wrong_shapes_are_refused_in_one_line():
     ):
         with pytest.raises(ValueError, match=message) as raised:
             sr.sample_texture(textures, given_uv, footprint)
+        assert "\n" not in str(raised.value)
+
+
+def test_other_arguments_are_refused_in_one_line():
+    textures = build(Sampler(), 3)
+    uv = np.zeros((4, 2), np.float32)
+    read = inspect.unwrap(sr.sample_texture)  # Without the check of annotations.
+    for given, message in (
+        ({"textures": np.zeros((4, 4, 3))}, r"`textures` must come from TexturePyramid\.build"),
+        ({"filter": "bilinear"}, r"`filter` must be Filter\(\.\.\.\); got 'bilinear'"),
+        ({"texture_index": 0.5}, "`texture_index` must be integers; got float64"),
+        ({"texture_index": textures.count}, r"`texture_index` must be in -1\.\."),
+        ({"texture_index": -2}, r"`texture_index` must be in -1\.\."),
+        ({"texture_index": np.zeros(3, int)}, r"like the points of `uv`, \(4,\); got \(3,\)"),
+    ):
+        with pytest.raises(ValueError, match=message) as raised:
+            read(**({"textures": textures, "uv": uv} | given))
         assert "\n" not in str(raised.value)
