@@ -93,6 +93,9 @@ def compare_files(
             raise ValueError(f"{expected}: --against applies to an .svg drawing only.")
         else:
             target = read_image(expected)
+        if image.shape[:2] != target.shape[:2]:
+            sizes = " and ".join(f"{w} x {h}" for h, w in (image.shape[:2], target.shape[:2]))
+            raise ValueError(f"{actual} and {expected} must have the same size; got {sizes}.")
         comparison = compare(image, target, tolerance=ONE_LEVEL if tolerance is None else tolerance)
         _print(comparison, actual, expected)
         if output is not None:

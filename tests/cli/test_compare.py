@@ -86,7 +86,7 @@ def test_the_options_of_a_drawing_are_passed_on(files, monkeypatch):
     ("arguments", "message"),
     [
         (("none.png", "a.png"), "none.png: no such file."),
-        (("a.png", "small.png"), "must have the same height and width; got height 6, width 7 and"),
+        (("a.png", "small.png"), "a.png and small.png must have the same size; got 7 x 6 and"),
         (("a.png", "a.png", "--against", "4"), "a.png: --against applies to an .svg drawing only."),
         (("a.svg", "a.png"), "a.svg: the image to test cannot be a drawing"),
         (("a.png", "a.svg", "--against", "5"), "`samples` must be one of 1, 4, 9, 16, 64, 256"),
