@@ -38,6 +38,17 @@ def scene_text(scene: Any) -> str:
     return f"{_heading(arrays)}: {_joined(counts_and_extent)}\n  {_joined(effects)}"
 
 
+def buffers_text(buffers: Any) -> str:
+    """Describe a `Visibility` or `PixelLayers` on two lines; never raises, whatever its leaves are.
+
+    The first line gives the shape of the buffer `triangle`, the second the counts and the extent of
+    the scene.
+    """
+    shape = list(shape_of(field_of(buffers, "triangle")) or ())
+    scene = scene_text(field_of(buffers, "scene")).splitlines()[0]
+    return f"{type(buffers).__name__}: triangle {shape}\n  {scene}"
+
+
 def _joined(phrases: list[str | None]) -> str:
     """Join the phrases that are not empty with commas; `no arrays` if all are empty."""
     return ", ".join(phrase for phrase in phrases if phrase) or "no arrays"

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..binning.lists import Chunks
+from ..display.scene_text import buffers_text
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..planning.plan import Plan
@@ -34,6 +35,9 @@ class PixelLayers(eqx.Module):
     barycentric: Float[Array, "height width layers 3"]
     scene: Scene
     plan: Plan
+
+    def __repr__(self) -> str:
+        return buffers_text(self)
 
 
 def checked_layers(layers: Any) -> int:

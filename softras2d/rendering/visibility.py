@@ -8,9 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..display.leaves import field_of, shape_of
 from ..display.notebook import buffers_html
-from ..display.scene_text import scene_text
+from ..display.scene_text import buffers_text
 from ..gradients.crossings import Sample
 from ..gradients.visible_front import triangle_at
 from ..planning.capacities import Needs
@@ -51,9 +50,7 @@ class Visibility(eqx.Module):
     overflow: Bool[Array, ""]
 
     def __repr__(self) -> str:
-        shape = list(shape_of(field_of(self, "triangle")) or ())
-        scene = scene_text(field_of(self, "scene")).splitlines()[0]
-        return f"Visibility: triangle {shape}\n  {scene}"
+        return buffers_text(self)
 
     def _repr_html_(self) -> str | None:
         """HTML of a picture with one colour per triangle, above `repr`; None for several layers."""
