@@ -1,5 +1,7 @@
 """`softras2d fit-batch`: fits triangles to all pictures of a folder."""
 
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from . import fit_options
+from .fit_errors import errors_name_options
 from .session import print_message, session
 
 _PROCESSES = "Many processes"
@@ -107,14 +110,17 @@ def fit_folder(
     Every picture's files are written as soon as its batch is done. After Ctrl-C, or after the
     process was killed, the same command goes on with what is missing. Pictures that cannot be
     fitted are reported at the end, and the exit status is then 1; all others are fitted all the
-    same. With --steps, the files do not depend on the number of processes.
+    same. With --steps, the files do not depend on the number of processes. Processes wait for each
+    other only at the start: one that ends early or is killed does not end the others.
     """
-    with session(long_running=True) as console:
-        share, shares = _join(coordinator, processes, process)
+    with session(long_running=True) as console, errors_name_options({}):
+        if seconds is None:
+            seconds = fit_options.SECONDS if steps is None else None
+        elif steps is not None:
+            raise ValueError("give one of --steps and --seconds.")
+        share, shares = _join(coordinator, processes, process, console)
         from ..fitting.folder import find_pictures, fit_pictures, is_done, make_batches, read_scores
 
-        if steps is not None and seconds is not None:
-            raise ValueError("give one of --steps and --seconds.")
         pictures = find_pictures(folder)
         output.mkdir(parents=True, exist_ok=True)
         failures: list[str] = []
@@ -122,7 +128,6 @@ def fit_folder(
         assigned = [picture for each in batches for picture in each.pictures]
         done = [read_scores(picture, output) for picture in assigned if is_done(picture, output)]
         skipped = len(done)
-        budget = {"steps": steps} if steps is not None else {"seconds": seconds or 30.0}
         fitted_sizes = set()
         with _progress_bar(console, len(assigned), done) as show:
             for each in batches:
@@ -132,7 +137,7 @@ def fit_folder(
                     each, output, count=batch, seed=seed, fail=failures.append,
                     compiles_first=compiles_first,
                     devices=_local_devices(), triangles=triangles, solver=solver, size=size,
-                    **budget,
+                    steps=steps, seconds=seconds,
                 ):  # fmt: skip
                     fitted_sizes.add(each.size)
                     done.append(fitted)
@@ -144,11 +149,14 @@ def fit_folder(
             raise typer.Exit(1)
 
 
-def _join(coordinator: str | None, processes: int | None, process: int | None) -> tuple[int, int]:
+def _join(
+    coordinator: str | None, processes: int | None, process: int | None, console: Console
+) -> tuple[int, int]:
     """Join the processes that share the pictures; return the index of this one, and their number.
 
-    The arguments are the values of `--coordinator`, `--processes` and `--process`. Without a
-    coordinator there is one process. Raises `ValueError` if one of the options is missing.
+    The arguments are the values of `--coordinator`, `--processes` and `--process`, and the console
+    for messages. Without a coordinator there is one process. Raises `ValueError` if one of the
+    options is missing or invalid.
     """
     if coordinator is None:
         if processes is not None or process is not None:
@@ -157,17 +165,53 @@ def _join(coordinator: str | None, processes: int | None, process: int | None) -
     import jax
 
     if coordinator == "auto":
-        try:
-            jax.distributed.initialize()
-        except (ValueError, RuntimeError) as error:
-            raise ValueError(f"--coordinator auto: no cluster was found: {error}") from None
-        return jax.process_index(), jax.process_count()
+        with _ended_by_ctrl_c():
+            try:
+                jax.distributed.initialize()
+            except (ValueError, RuntimeError) as error:
+                raise ValueError(f"--coordinator auto: no cluster was found: {error}") from None
+            return _leave()
     if processes is None or process is None:
         raise ValueError("--coordinator needs --processes and --process.")
     if process >= processes:
         raise ValueError(f"--process must be in 0..{processes - 1}; got {process}.")
-    jax.distributed.initialize(coordinator, processes, process)
-    return process, processes
+    host, _, port = coordinator.rpartition(":")
+    if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise ValueError(f"--coordinator must be HOST:PORT, or auto; got {coordinator}.")
+    console.print(f"waiting for {processes} processes at {coordinator}", highlight=False)
+    with _ended_by_ctrl_c():
+        jax.distributed.initialize(coordinator, processes, process)
+        return _leave()
+
+
+def _leave() -> tuple[int, int]:
+    """Leave the processes that have joined; return the index of this one, and their number.
+
+    The processes share no data after they have joined. If they stayed together, JAX would abort all
+    of them 100 seconds after one was killed, or 300 seconds after the first had finished.
+    """
+    import jax
+
+    # This starts the devices, which needs the other processes.
+    share, shares = jax.process_index(), jax.process_count()
+    jax.distributed.shutdown()
+    return share, shares
+
+
+@contextmanager
+def _ended_by_ctrl_c() -> Iterator[None]:
+    """In a `with` block, let Ctrl-C end the process at once.
+
+    JAX waits for other processes in C++, where Python's handler of Ctrl-C does not run.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def _local_devices() -> Any:

@@ -92,12 +92,18 @@ def size_class(height: int, width: int, size: int) -> SizeClass:
 def find_pictures(folder: Path) -> list[Path]:
     """List the picture files of a folder, sorted by name.
 
+    Folders and hidden files, whose names begin with a dot, are left out.
+
     Raises `ValueError` if the folder does not exist or has no picture, and if the names of two
     pictures differ in the suffix alone, since the results of both would have the same file names.
     """
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder.")
-    pictures = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    pictures = sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+    )
     if not pictures:
         raise ValueError(f"{folder}: no pictures in this folder ({', '.join(SUFFIXES)}).")
     names: dict[str, str] = {}

@@ -56,6 +56,9 @@ def test_size_classes_are_few_and_not_larger_than_the_picture():
 def test_batches_depend_on_the_folder_alone(tmp_path):
     folder = make_folder(tmp_path / "pictures", 7)
     (folder / "broken.png").write_bytes(b"no picture")
+    # Other systems leave such files beside the pictures.
+    (folder / "._picture0.png").write_bytes(b"no picture")
+    (folder / "folder.png").mkdir()
     failures: list[str] = []
     batches = make_batches(find_pictures(folder), 32, 2, failures.append)
     assert len(failures) == 1 and "broken.png" in failures[0]
