@@ -11,7 +11,8 @@ samples are counted once. Layers in front that cover the sample inside alone are
 loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
 Otherwise their alpha or depth at the sample inside is not known in this loop. The few crossings
 with such layers are visited again in `layers_inside`, and so are the crossings whose two samples
-lie in different tiles.
+lie in different tiles. Layers that cover both samples have the transmittance and the depth of the
+sample outside, whether or not the samples lie in one tile.
 
 At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
 covers it. A triangle that is drawn later but lies deeper fails the depth test there, so it is not a
@@ -195,7 +196,9 @@ def edge_gains(
         where.tiles.of_samples(where.listed.position),
         jnp.broadcast_to(edge_layer.triangle[None], shape),
         edge_layer.depth_inside,
+        edge_layer.depth_outside,
         crossings.inside,
+        crossings.outside,
     )
     is_missed = ~where.is_one_list
     if state.in_front_inside is None:

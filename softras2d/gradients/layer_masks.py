@@ -113,15 +113,20 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
 
 
 def gather_masks(
-    masks: LayerMasks, where: SampleAddress, plane: Int[Array, ""]
+    masks: LayerMasks, where: SampleAddress, plane: Int[Array, "*#samples"]
 ) -> UInt32[Array, "*samples"]:
-    """Gather the layer masks of the samples at `where`, in the plane of number `plane`."""
+    """Gather the layer masks of the samples at `where`, in the plane of number `plane`.
+
+    `plane` is one number, or one for each sample.
+    """
     return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.mask_index)
 
 
 @materialized
 def _gather(
-    masks: UInt32[Array, "planes masks"], plane: Int[Array, ""], mask_index: Int[Array, "*samples"]
+    masks: UInt32[Array, "planes masks"],
+    plane: Int[Array, "*#samples"],
+    mask_index: Int[Array, "*samples"],
 ) -> UInt32[Array, "*samples"]:
     # Indexed by plane and mask index at once, because slicing out the plane first would copy it.
     """Gather masks by the number of a plane and by their indices in the flattened plane."""
@@ -159,6 +164,18 @@ def find_in_lists(
     return position, (position < count) & (read(position) == triangle)
 
 
+def covers_sample(
+    masks: LayerMasks, where: SampleAddress, triangle: Int[Array, "*samples"]
+) -> Bool[Array, "*samples"]:
+    """Whether a triangle is a layer of each sample; false where it is not in the tile's list."""
+    position, is_listed = find_in_lists(
+        masks.lists, where.tile, triangle, max_list_length=masks.max_list_length
+    )
+    # The position may be past the end of the list, and then past the last plane.
+    plane = jnp.minimum(position // PLANE, masks.masks.shape[0] - 1)
+    return is_listed & (gather_masks(masks, where, plane) & entry_bit(position, plane) != 0)
+
+
 @materialized
 def count_planes(masks: LayerMasks) -> Int[Array, ""]:
     """Number of planes of 32 entries that the longest list needs, at most those of `masks`."""
@@ -185,7 +202,9 @@ def bits_before(
     return jnp.where(count == PLANE, jnp.uint32(0xFFFFFFFF), below_bits)
 
 
-def entry_bit(position: Int[Array, "*samples"], plane: Int[Array, ""]) -> UInt32[Array, "*samples"]:
+def entry_bit(
+    position: Int[Array, "*samples"], plane: Int[Array, "*#samples"]
+) -> UInt32[Array, "*samples"]:
     """Mask, in the plane of number `plane`, of the list entry at `position`; 0 in other planes.
 
     The position counts the entries of a tile's list from 0.

@@ -5,6 +5,10 @@ samples inside and outside, and so finds the layers that cover both. It misses t
 that cover the sample inside alone, except in scenes with flat colours and no depth. Where the two
 samples lie in different tiles, it misses all layers of the sample inside. Few crossings have such
 layers: these crossings are gathered and visited here.
+
+A layer that covers both samples has one transmittance, that at the sample outside, and is in front
+or not as at the sample outside. `edge_gains` takes both there, so that the gradient would otherwise
+depend on where the tiles lie.
 """
 
 from typing import NamedTuple
@@ -24,6 +28,7 @@ from .layer_masks import (
     SampleAddress,
     bits_before,
     count_planes,
+    covers_sample,
     gather_masks,
     visit_layers,
 )
@@ -37,8 +42,9 @@ class InsideLanes(NamedTuple):
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
     - `position`: number of entries before the edge's triangle in the list of the sample outside.
     - `triangle`: the edge's triangle.
-    - `depth`: depth of this triangle at the sample inside; None without depth.
-    - `sample`: the sample inside.
+    - `depth_inside`, `depth_outside`: depth of this triangle at the samples inside and outside;
+      None without depth.
+    - `sample_inside`, `sample_outside`: the samples inside and outside.
     """
 
     inside: SampleAddress
@@ -46,8 +52,10 @@ class InsideLanes(NamedTuple):
     is_one_list: Bool[Array, " group"]
     position: Int[Array, " group"]
     triangle: Int[Array, " group"]
-    depth: Float[Array, " group"] | None
-    sample: Sample
+    depth_inside: Float[Array, " group"] | None
+    depth_outside: Float[Array, " group"] | None
+    sample_inside: Sample
+    sample_outside: Sample
 
 
 class InsideState(NamedTuple):
@@ -102,6 +110,8 @@ def _look_inside(
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
     """Compute the two fields of `InsideState` for the crossings of one group."""
     depths, triangle = samples.depths, lanes.triangle
+    # A layer with one colour, in a scene without depth, has the same effect at both samples.
+    is_same_at_both = samples.colors.is_flat and depths is None
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
         inside, outside = (
@@ -115,11 +125,19 @@ def _look_inside(
         def visit(
             state: InsideState, other: Int[Array, " group"], remaining: UInt32[Array, " group"]
         ) -> InsideState:
-            depth = None if depths is None else depth_at(depths, other, lanes.sample, tiling)
-            color = samples.colors.at_each(other, lanes.sample, tiling)
+            sample, triangle_depth = lanes.sample_inside, lanes.depth_inside
+            if not is_same_at_both:
+                is_shared = covers_sample(masks, lanes.outside, other)
+                sample, triangle_depth = jax.tree.map(
+                    lambda outside, inside: jnp.where(is_shared, outside, inside),
+                    (lanes.sample_outside, lanes.depth_outside),
+                    (lanes.sample_inside, lanes.depth_inside),
+                )
+            depth = None if depths is None else depth_at(depths, other, sample, tiling)
+            color = samples.colors.at_each(other, sample, tiling)
             is_layer = remaining != 0
             is_in_front = is_layer & (other > triangle)
-            is_in_front = is_in_front & later_is_in_front(other, triangle, depth, lanes.depth)
+            is_in_front = is_in_front & later_is_in_front(other, triangle, depth, triangle_depth)
             return InsideState(
                 state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
                 state.covers | (is_layer & (other == triangle)),
