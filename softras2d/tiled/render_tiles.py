@@ -58,8 +58,9 @@ def render_tiles(
     for window, (image, overflow) in start_in_turns(chosen, draw, devices):
         if overflow:
             raise outgrown_error(window)
-        inside = slice(plan.border, None)
-        yield window, np.asarray(image)[inside, inside][: window.height, : window.width]
+        row, column = plan.offset_of(window.number)
+        rows, columns = slice(row, row + window.height), slice(column, column + window.width)
+        yield window, np.asarray(image)[rows, columns]
 
 
 def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:

@@ -47,11 +47,13 @@ def tiled_value_and_grad(
 
     @eqx.filter_jit
     def of_window(
-        scene: Scene, plan: Plan, data: tuple[Array, ...], border: int, size: tuple[int, int]
+        scene: Scene, plan: Plan, data: tuple[Array, ...], offset: Array, size: tuple[int, int]
     ) -> tuple[Array, Array, Scene]:
         def value_of(scene: Scene) -> tuple[Array, Array]:
             image, overflow = render_checked(scene, plan)
-            image = image[border : border + size[0], border : border + size[1]]
+            # The offset is traced, so that windows at the border of the canvas share the program.
+            start = (offset[0], offset[1], 0)
+            image = jax.lax.dynamic_slice(image, start, (*size, image.shape[-1]))
             return loss(image, *data), overflow
 
         (value, overflow), gradient = eqx.filter_value_and_grad(value_of, has_aux=True)(scene)
@@ -67,8 +69,9 @@ def tiled_value_and_grad(
             cut = tuple(np.asarray(array[window.rows, window.columns]) for array in data)
             drawn, window_plan = put_on_device(piece, plan, window.number, device)
             size = (window.height, window.width)
-            arrays = jax.device_put(cut, device)
-            return piece, of_window(drawn, window_plan, arrays, plan.border, size)
+            offset = np.array(plan.offset_of(window.number), np.int32)
+            arrays, offset = jax.device_put((cut, offset), device)
+            return piece, of_window(drawn, window_plan, arrays, offset, size)
 
         total, sums = 0.0, _zeros(scene)
         for window, (piece, (value, overflow, gradient)) in start_in_turns(

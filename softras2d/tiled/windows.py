@@ -68,6 +68,27 @@ class Cut:
         y, x = row * self.tile, column * self.tile
         return Window(number, x, y, min(self.tile, self.height - y), min(self.tile, self.width - x))
 
+    def frame(self, number: int, border: int) -> Window:
+        """The pixels that are drawn for the window of this number: the window and a border.
+
+        `border` is the width of the border, in pixels. All frames have one size.
+
+        With a border, no frame reaches beyond the canvas: frames at the border of the canvas are
+        shifted onto it. The derivative of an edge within half a sample of the border of the canvas
+        compares colours at the last sample of the canvas, not at a sample beyond it.
+
+        Without a border, frames begin where their windows begin, and those of the last row and
+        column may reach beyond the canvas.
+        """
+        window = self.window(number)
+        if border == 0:
+            height, width = min(self.height, self.tile), min(self.width, self.tile)
+            return Window(number, window.x, window.y, height, width)
+        height, width = (min(side, self.tile + 2 * border) for side in (self.height, self.width))
+        x = min(max(window.x - border, 0), self.width - width)
+        y = min(max(window.y - border, 0), self.height - height)
+        return Window(number, x, y, height, width)
+
     def __iter__(self) -> Iterator[Window]:
         """Iterate over all windows, row by row."""
         return map(self.window, range(self.count))

@@ -41,6 +41,20 @@ def test_windows_tile_the_canvas():
     assert (count == 1).all()
 
 
+@pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (1, 64), (64, 65), (66, 130), (20, 300)])
+def test_frames_are_windows_with_their_border_on_the_canvas(size):
+    cut = Cut(*size, TILE)
+    for window in cut:
+        frame = cut.frame(window.number, 1)
+        assert (frame.height, frame.width) == tuple(min(side, TILE + 2) for side in size)
+        for drawn, shown, side in (
+            (frame.rows, window.rows, cut.height),
+            (frame.columns, window.columns, cut.width),
+        ):
+            assert 0 <= drawn.start <= max(shown.start - 1, 0)
+            assert min(shown.stop + 1, side) <= drawn.stop <= side
+
+
 def test_a_piece_has_the_corners_and_colors_of_its_triangles():
     scene = scene_of("corners depth texture")
     host = sr.Scene(**{name: getattr(scene, name) for name in scene.__dataclass_fields__})
