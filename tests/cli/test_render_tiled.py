@@ -25,6 +25,16 @@ def test_a_tiled_image_is_that_of_one_piece(tmp_path):
     assert sorted(path.name for path in tmp_path.glob("*.*")) == ["tiled.tif", "whole.png"]
 
 
+@pytest.mark.slow
+def test_a_side_may_have_100_000_pixels(tmp_path):
+    image = tmp_path / "wide.tif"
+    common = ("squares", "--size", "100000x32", "--fit", "stretch", "--samples", "1")
+    code, output = run(*common, "-o", image, "--tiled", "--tile", "8192")
+    assert code == 0 and "100000 x 32 pixels" in output and "13 tiles" in output
+    pixels = sr.read_image(image)
+    assert pixels.shape[:2] == (32, 100_000) and len(np.unique(pixels[16], axis=0)) > 1
+
+
 def test_contradictions_are_one_line(tmp_path):
     for arguments, message in (
         (("-o", "-", "--tiled"), "writes to a file"),

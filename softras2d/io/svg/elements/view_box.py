@@ -12,10 +12,10 @@ from ..css.cascade import Declarations
 from ..values.numbers import is_number, leading_float, length, number_list
 from ..xml.notices import INVALID
 
-MAX_SIDE = 2**16
-"""Maximum height and width of a canvas, in pixels.
+MAX_SIDE = 2**20
+"""Maximum height and width of a canvas, in pixels, as of `plan_tiles`.
 
-The spacing of float32 values is at most 1/256 pixel there.
+The spacing of float32 values is at most 1/16 pixel there.
 """
 
 _ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
