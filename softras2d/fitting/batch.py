@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
-from ..numerics.device import Devices
+from ..numerics.device import Devices, check_devices
 from ..scene import Scene
 from . import choices, steering
 from .budget import END_SECONDS, Budget, Limits
@@ -78,8 +78,8 @@ def fit_batch(
         "colors": colors, "loss": loss, "light": light, "palette": palette, "freeze": groups,
         "background": background,
     }  # fmt: skip
-    if devices is not None and len(devices) == 0:
-        raise ValueError("`devices` must have at least one device; got none.")
+    if devices is not None:
+        devices = check_devices(devices)
     drop_programs()
     images = _check_targets(
         targets,

@@ -54,6 +54,17 @@ def to_host(value: Any) -> Any:
     return np.asarray(value)
 
 
+def check_devices(devices: Devices) -> list[Device]:
+    """Return devices as a list; raise `ValueError` unless they are one or more devices of JAX."""
+    # A single device, too, is a likely argument.
+    listed = list(devices) if hasattr(devices, "__iter__") else []
+    if not hasattr(devices, "__iter__") or not all(isinstance(d, jax.Device) for d in listed):
+        raise ValueError(f"`devices` must be a list of devices of JAX; got {devices!r:.60}.")
+    if not listed:
+        raise ValueError("`devices` must have at least one device; got none.")
+    return listed
+
+
 def is_traced(tree: Any) -> bool:
     """Whether some leaf of a tree is a tracer, whose value is known only when a program runs."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

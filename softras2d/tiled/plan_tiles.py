@@ -174,14 +174,24 @@ def plan_tiles(
     is_sum = mode.is_sum(coverage)
     witness = _orientation_of_all(corners) if is_sum else None
     windows = _Windows(canvas, grid, cut, border, lists, int(is_sum))
-    return TiledPlan(cut, origin, border, lists, _plans(windows, mode, listing), witness, gradients)
+    plans = _plans(windows, mode, listing)
+    return TiledPlan(cut, origin, border, lists, plans, witness, gradients)
 
 
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
     If the plan has a witness (`pieces.with_witness`), the witness is appended as the last triangle.
+    Raises `ValueError` for a traced scene, and for a scene without all triangles of the lists.
     """
+    if is_traced(scene):
+        raise ValueError("a tiled canvas is drawn from a concrete scene: call this outside jit.")
+    needed, triangles = int(plan.lists.triangle.max(initial=-1)) + 1, scene.triangles.shape[0]
+    if needed > triangles:
+        raise ValueError(
+            f"the plan needs a scene of at least {needed} triangles; got one of {triangles}: call "
+            "softras2d.plan_tiles(scene, ...) again."
+        )
     host = jax.tree.map(np.asarray, scene)
     if plan.witness is None or len(host.triangles) == 0:
         return host

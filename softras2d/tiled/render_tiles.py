@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics.device import Device, Devices
+from ..numerics.device import Device, Devices, check_devices
 from ..rendering.render import render_checked
 from ..scene import Scene
 from .pieces import Piece, blank_piece, padded, take_piece
@@ -38,9 +38,13 @@ def render_tiles(
     Each image is a part of the image that `render` would draw, `[window.height, window.width,
     channels]` in the dtype of the positions. At most two windows per device are in memory.
 
-    Raises `ValueError` if triangles have moved since the plan was made and outgrow it. A triangle
-    that has moved into another window is missing there: plan again.
+    Raises `ValueError` for a window that does not exist, for a traced scene or one with fewer
+    triangles, and if triangles have moved since the plan was made and outgrow it. A triangle that
+    has moved into another window is missing there: plan again.
     """
+    for number in () if windows is None else windows:
+        if not 0 <= number < plan.cut.count:
+            raise ValueError(f"`windows` must be in 0..{plan.cut.count - 1}; got {number}.")
     host = host_scene(scene, plan)
     blank: list[Any] = []
 
@@ -96,9 +100,7 @@ def start_in_turns(
     are made before the first result is yielded, so that all devices stay busy. By default the
     windows are drawn on JAX's first device.
     """
-    devices = jax.local_devices()[:1] if devices is None else list(devices)
-    if not devices:
-        raise ValueError("`devices` must have at least one device; got none.")
+    devices = jax.local_devices()[:1] if devices is None else check_devices(devices)
     started: deque[tuple[Window, T]] = deque()
     for index, window in enumerate(windows):
         started.append((window, start(window, devices[index % len(devices)])))

@@ -42,7 +42,8 @@ def tiled_value_and_grad(
     number of pixels of the canvas.
 
     The function raises `ValueError` for a plan without `gradients`, for data of another size than
-    the canvas, and if triangles have moved since the plan was made and outgrow it.
+    the canvas, for a traced scene or one with fewer triangles, and if triangles have moved since
+    the plan was made and outgrow it.
     """
 
     @eqx.filter_jit

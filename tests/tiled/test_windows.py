@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -86,3 +87,20 @@ def test_invalid_plans_are_refused_in_one_line():
     plan = sr.plan_tiles(scene, height=HEIGHT, width=WIDTH, tile=TILE)
     with pytest.raises(ValueError, match="gradients=True"):
         sr.tiled_value_and_grad(lambda image: image.sum())(scene, plan)
+
+
+def test_scenes_windows_and_devices_that_do_not_fit_the_plan_are_refused():
+    scene = scene_of()
+    plan = sr.plan_tiles(scene, height=HEIGHT, width=WIDTH, tile=TILE)
+    other = sr.Scene.from_soup(np.zeros((2, 3, 2), np.float32), np.zeros((2, 3), np.float32))
+    for drawn, options, message in (
+        (other, {}, "at least 150 triangles; got one of 2"),
+        (scene, {"windows": [0, 6]}, r"`windows` must be in 0\.\.5; got 6"),
+        (scene, {"windows": [-1]}, "got -1"),
+        (scene, {"devices": ["cpu"]}, r"must be a list of devices of JAX; got \['cpu'\]"),
+        (scene, {"devices": []}, "at least one device; got none"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            next(sr.render_tiles(drawn, plan, **options))
+    with pytest.raises(ValueError, match="outside jit"):
+        jax.jit(lambda scene: next(sr.render_tiles(scene, plan))[1])(scene)
