@@ -19,6 +19,13 @@ from ..geometry.canvas_grid import Grid
 SIDES = (8, 4)
 """Sides of a tile to choose from, in pixels; the first is preferred."""
 
+WORST_CASE_SIDE = 16
+"""Side of a tile, in pixels, of a plan that no positions can outgrow.
+
+There every tile lists every triangle, so that large tiles cost no more pixels than small ones.
+Measured with 8 to 100 triangles at 28 to 128 pixels.
+"""
+
 _SLOT_COST = 8.0
 """Cost of listing a triangle for one more tile, as a number of computed pixels of equal cost.
 

@@ -290,7 +290,7 @@ def _slot_cotangents(
         return _put_rows(total, parts, block)
 
     start = jnp.zeros((rows, slot_weights.shape[0]), slot_weights.dtype)
-    return for_each_block(slot_weights != 0, visit, start)
+    return for_each_block(slot_weights != 0, visit, start, tile_pixels=slot_weights.shape[1])
 
 
 def _by_chunk(slots: Any, chunks: Chunks) -> Any:

@@ -192,7 +192,8 @@ def _vjp_where_nonzero(
         )
         return _put_sums(total, sums, block)
 
-    return for_each_block(flags, visit, jnp.zeros((6, slots), value.dtype))
+    start = jnp.zeros((6, slots), value.dtype)
+    return for_each_block(flags, visit, start, tile_pixels=value.shape[-1])
 
 
 def _jvp_where_nonzero(
@@ -211,7 +212,8 @@ def _jvp_where_nonzero(
         change = block_jvp(function, block_geometry, parameter, block_velocity)
         return _put_pixels(total, change, block)
 
-    return for_each_block(_may_change(function, value), visit, jnp.zeros_like(value))
+    start = jnp.zeros_like(value)
+    return for_each_block(_may_change(function, value), visit, start, tile_pixels=value.shape[-1])
 
 
 @functools.partial(materialized, static_argnames=("function",))

@@ -22,7 +22,13 @@ Tree = TypeVar("Tree")
 """A tree of arrays."""
 
 _BLOCK = 2048
-"""Number of slots, or edges of slots, in a block."""
+"""Greatest number of slots, or edges of slots, in a block."""
+
+_BLOCK_PIXELS = 2**17
+"""Greatest number of pixels in a block, over all its slots.
+
+Smaller blocks leave out more slots that need no work, but start more loops.
+"""
 
 
 def spread(geometry: Tree, parameter: Any, side: int) -> tuple[Tree, Any, Array, Array]:
@@ -59,38 +65,40 @@ def gather_slots(tree: Tree, slots: Int[Array, " block"]) -> Tree:
 
 
 def for_each_block(
-    flags: Bool[Array, "slots pixels"],
+    flags: Bool[Array, "slots #pixels"],
     visit: Callable[[Int[Array, " block"], Tree], Tree],
     total: Tree,
+    *,
+    tile_pixels: int,
 ) -> Tree:
     """Apply `total = visit(block, total)` to blocks of the slots that have a flagged pixel.
 
-    A block is an array of the indices of `_BLOCK` slots. Unused entries of the last block are the
-    index one past the last slot: `visit` should gather with the mode "clip" and write with "drop".
-    If there are no more than `_BLOCK` slots, all of them make one block, flagged or not. Returns
-    the total after the last block.
+    A block is an array of the indices of slots, whose tiles have `tile_pixels` pixels. Unused
+    entries of the last block are the index one past the last slot: `visit` should gather with the
+    mode "clip" and write with "drop". If one block holds all slots, they are visited whether they
+    are flagged or not. Returns the total after the last block.
     """
-    slots = flags.shape[0]
-    if slots <= _BLOCK:
+    slots, length = flags.shape[0], min(_BLOCK, max(_BLOCK_PIXELS // tile_pixels, 1))
+    if slots <= length:
         return visit(jnp.arange(slots, dtype=jnp.int32), total)
-    listed, count = _list_slots(flags)
+    listed, count = _list_slots(flags, block=length)
 
     def visit_number(number: Int[Array, ""], total: Tree) -> Tree:
-        return visit(jax.lax.dynamic_slice_in_dim(listed, number * _BLOCK, _BLOCK), total)
+        return visit(jax.lax.dynamic_slice_in_dim(listed, number * length, length), total)
 
-    return repeat(-(-count // _BLOCK), visit_number, total)
+    return repeat(-(-count // length), visit_number, total)
 
 
-@materialized
+@functools.partial(materialized, static_argnames=("block",))
 def _list_slots(
-    flags: Bool[Array, "slots pixels"],
+    flags: Bool[Array, "slots #pixels"], *, block: int
 ) -> tuple[Int[Array, " padded"], Int[Array, ""]]:
     """List the slots that have a flagged pixel, and count them.
 
-    The list is padded to whole blocks by the index one past the last slot.
+    The list is padded to whole blocks of `block` slots by the index one past the last slot.
     """
     slots = flags.shape[0]
-    return list_flagged(jnp.any(flags, 1), capacity=slots + -slots % _BLOCK)
+    return list_flagged(jnp.any(flags, 1), capacity=slots + -slots % block)
 
 
 def sum_over_pixels(
@@ -170,7 +178,8 @@ def sum_along_edges(
 
     side = tile_side_of(pixel_values[0])
     count = len(jax.eval_shape(edge_terms, *spread(outline[0], no_parameter, side), *pixel_values))
-    total = for_each_block(passes[:, None], visit, [jnp.zeros(3 * slots, dtype)] * count)
+    start = [jnp.zeros(3 * slots, dtype)] * count
+    total = for_each_block(passes[:, None], visit, start, tile_pixels=side * side)
     return tuple(tuple(entry[k * slots : (k + 1) * slots] for entry in total) for k in range(3))
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..binning.lists import Chunks
 from ..binning.reach import ReachedTriangles, reached_triangles
-from ..binning.tile_side import SIDES, choose_side
+from ..binning.tile_side import WORST_CASE_SIDE, choose_side
 from ..compositing import analytic_over, interpolated_over
 from ..compositing.opaque import sum_chunks
 from ..coverage.analytic import AnalyticCoverage, PixelFunction, evaluate
@@ -167,13 +167,13 @@ class AnalyticMode(CoverageMode):
 
         The side of the tiles is `tile_side`, or by default the side of least work
         (`tile_side.choose_side`). In the worst case, where positions are unknown, the default is
-        `SIDES[0]`. Arguments are as in `CoverageMode.list_needs`.
+        `WORST_CASE_SIDE`. Arguments are as in `CoverageMode.list_needs`.
         """
         coverage, grid = drawings[0].coverage, drawings[0].grid
         is_varying = any(varies(drawing.scene) for drawing in drawings)
         headroom = VARYING_HEADROOM if is_varying else ANALYTIC_HEADROOM
         reach = self.reach(coverage, max_width)
-        side = SIDES[0] if tile_side is None else tile_side
+        side = WORST_CASE_SIDE if tile_side is None else tile_side
         if tile_side is None and not growth.is_worst_case:
             side = choose_side([_host_corners(drawing) for drawing in drawings], grid, reach)
         tiling = Tiling.square(grid, side)

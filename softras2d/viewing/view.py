@@ -12,7 +12,8 @@ MAX_CANVAS_SIDE = 8192
 
 MAX_CANVAS_PIXELS = 2**24
 """Maximum number of pixels of a view's canvas."""
-_MAX_ENLARGED_SIDE = 2**16
+
+MAX_ENLARGED_SIDE = 2**16
 """Maximum height and width of an enlarged drawing, in pixels.
 
 The spacing of float32 values is at most 1/256 pixel there.
@@ -52,9 +53,9 @@ def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]
     Raises `ValueError` for a size at which float32 coordinates are too coarse.
     """
     enlarged = max(1, round(height * zoom)), max(1, round(width * zoom))
-    if max(enlarged) > _MAX_ENLARGED_SIDE:
+    if max(enlarged) > MAX_ENLARGED_SIDE:
         raise ValueError(
             f"the drawing would be {enlarged[1]} x {enlarged[0]} pixels; at most "
-            f"{_MAX_ENLARGED_SIDE} a side."
+            f"{MAX_ENLARGED_SIDE} a side."
         )
     return enlarged

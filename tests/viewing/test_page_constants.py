@@ -7,13 +7,12 @@ from typing import Any, get_args
 
 import pytest
 
-from softras2d.io.svg.elements.view_box import MAX_SIDE
 from softras2d.names import CoverageKind, FillRule, LevelFilter, PixelFilter, Shading
 from softras2d.options import Filter, Hard
 from softras2d.viewing.packed_pixels import BLOCK
 from softras2d.viewing.server import STATIC
 from softras2d.viewing.settings import LOD_BIASES, SOFT_WIDTHS, Settings
-from softras2d.viewing.view import MAX_CANVAS_PIXELS, MAX_CANVAS_SIDE, MAX_OFFSET
+from softras2d.viewing.view import MAX_CANVAS_PIXELS, MAX_CANVAS_SIDE, MAX_ENLARGED_SIDE, MAX_OFFSET
 
 SCRIPT = (STATIC / "viewer.js").read_text()
 
@@ -39,7 +38,7 @@ def constant(name: str) -> Any:
         ("LEVEL_FILTERS", list(get_args(LevelFilter))),
         ("SOFT_WIDTHS", list(SOFT_WIDTHS)),
         ("LOD_BIASES", list(LOD_BIASES)),
-        ("MAX_DRAWING_SIDE", MAX_SIDE),
+        ("MAX_DRAWING_SIDE", MAX_ENLARGED_SIDE),
         ("MAX_OFFSET", MAX_OFFSET),
         ("MAX_CANVAS_SIDE", MAX_CANVAS_SIDE),
         ("MAX_CANVAS_PIXELS", MAX_CANVAS_PIXELS),
