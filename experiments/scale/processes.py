@@ -23,7 +23,7 @@ CROP = 96
 """Side of a picture, in pixels."""
 
 STEPS = 60
-SECONDS = 20.0
+SECONDS = 60.0
 """Time limit of a batch, in seconds, for a process that does not share its core."""
 
 CORES = sorted(os.sched_getaffinity(0))[:2]
