@@ -23,7 +23,20 @@ from tests.cases.browser import require_browser
 _SECONDS = 300.0
 """Longest time to wait for a picture, in seconds; its program may have to be compiled."""
 
-_STATE = """document.querySelector(".sr-viewer")?.dataset.state"""
+_HAS_VIEWER = """document.querySelector(".sr-viewer") !== null"""
+
+_FINAL_STATE = """new Promise((done) => {
+  const viewer = document.querySelector(".sr-viewer");
+  const check = () => {
+    if (!["exact", "error"].includes(viewer.dataset.state)) return;
+    observer.disconnect();
+    done(viewer.dataset.state);
+  };
+  const observer = new MutationObserver(check);
+  observer.observe(viewer, {attributes: true, attributeFilter: ["data-state"]});
+  check();
+})"""
+"""Waits in the page: questions to the page would take time on the cores that draw."""
 
 _PRESS = """document.querySelector(".sr-stage").dispatchEvent(
   new KeyboardEvent("keydown", {key: %s, bubbles: true}))"""
@@ -65,13 +78,14 @@ class Page:
 
     def wait_for_picture(self) -> None:
         """Wait until the exact picture is shown."""
-        until = time.monotonic() + _SECONDS
         # The page reacts to a key within a few frames.
         time.sleep(0.1)
-        while (state := self.evaluate(_STATE)) != "exact":
-            assert state != "error", self.evaluate('document.querySelector(".sr-status").innerText')
-            assert time.monotonic() < until, f"waited {_SECONDS} s for a picture"
+        until = time.monotonic() + _SECONDS
+        while not self.evaluate(_HAS_VIEWER):
+            assert time.monotonic() < until, f"waited {_SECONDS} s for the page"
             time.sleep(0.02)
+        state = self.evaluate(_FINAL_STATE)
+        assert state == "exact", self.evaluate('document.querySelector(".sr-status").innerText')
 
 
 @contextmanager
