@@ -44,7 +44,8 @@ def test_windows_tile_the_canvas():
 
 @pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (1, 64), (64, 65), (66, 130), (20, 300)])
 def test_frames_are_windows_with_their_border_on_the_canvas(size):
-    cut = Cut(*size, TILE)
+    height, width = size
+    cut = Cut(height, width, TILE)
     for window in cut:
         frame = cut.frame(window.number, 1)
         assert (frame.height, frame.width) == tuple(min(side, TILE + 2) for side in size)
@@ -93,13 +94,14 @@ def test_scenes_windows_and_devices_that_do_not_fit_the_plan_are_refused():
     scene = scene_of()
     plan = sr.plan_tiles(scene, height=HEIGHT, width=WIDTH, tile=TILE)
     other = sr.Scene.from_soup(np.zeros((2, 3, 2), np.float32), np.zeros((2, 3), np.float32))
-    for drawn, options, message in (
+    cases: list[tuple[sr.Scene, dict[str, Any], str]] = [
         (other, {}, "at least 150 triangles; got one of 2"),
         (scene, {"windows": [0, 6]}, r"`windows` must be in 0\.\.5; got 6"),
         (scene, {"windows": [-1]}, "got -1"),
         (scene, {"devices": ["cpu"]}, r"must be a list of devices of JAX; got \['cpu'\]"),
         (scene, {"devices": []}, "at least one device; got none"),
-    ):
+    ]
+    for drawn, options, message in cases:
         with pytest.raises(ValueError, match=message):
             next(sr.render_tiles(drawn, plan, **options))
     with pytest.raises(ValueError, match="outside jit"):
