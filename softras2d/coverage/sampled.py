@@ -15,6 +15,7 @@ then a fixed stride apart, and sums over them add whole vectors.
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
@@ -176,12 +177,7 @@ def remove_hidden(
     coverage words of all its slots and of all earlier chunks of its tile. `max_chunks` is an upper
     bound on the number of chunks of a tile.
     """
-    # Inclusive OR over the chunks of a tile, in log steps (Hillis and Steele 1986).
-    covered = _union(words)
-    reach = 1
-    while reach < max_chunks:
-        covered = _or_before(covered, chunks.index, reach)
-        reach *= 2
+    covered = _or_earlier(_union(words), chunks.index, max_chunks=max_chunks)
     return _visible(words, covered, chunks.index), covered
 
 
@@ -194,17 +190,30 @@ def _union(words: UInt32[Array, "chunks slots rows"]) -> UInt32[Array, "chunks r
     return total
 
 
-@functools.partial(materialized, static_argnames=("reach",))
-def _or_before(
-    covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], reach: int
+@functools.partial(materialized, static_argnames=("max_chunks",))
+def _or_earlier(
+    covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], max_chunks: int
 ) -> UInt32[Array, "chunks rows"]:
-    """Join each chunk by OR with the chunk that comes `reach` chunks before it in the same tile.
+    """Join the words of each chunk by OR with those of all earlier chunks of the same tile.
 
-    `index` is the number of the chunk within its tile. A chunk without such a predecessor stays the
-    same.
+    - `index`: the number of the chunk within its tile, from 0. The chunks of a tile follow one
+      another.
+    - `max_chunks`: an upper bound on the number of chunks of a tile.
+
+    It takes log steps: each chunk is joined with the chunk before it, then with the chunk two
+    before it, then four. **Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12),
+    1986).
     """
-    before = jnp.pad(covered[:-reach], ((reach, 0), (0, 0)))
-    return covered | jnp.where((index >= reach)[:, None], before, jnp.uint32(0))
+    # A loop: each step written out would be a large computation of its own to compile.
+    zeros, count = jnp.zeros_like(covered), covered.shape[0]
+
+    def step(k: Array, covered: Array) -> Array:
+        distance = 1 << k
+        padded = jnp.concatenate([zeros, covered])
+        before = jax.lax.dynamic_slice_in_dim(padded, count - distance, count)
+        return covered | jnp.where((index >= distance)[:, None], before, jnp.uint32(0))
+
+    return jax.lax.fori_loop(0, (max_chunks - 1).bit_length(), step, covered)
 
 
 @materialized

@@ -1,9 +1,9 @@
 """Inclusive prefix sums and maxima of integers.
 
 `jnp.cumsum` becomes a tree of window reductions on the CPU, which take longer to compile and to
-run. Here a long vector is split into rows of 64. Each row is scanned in six doubling steps, then
-the last entries of the rows are scanned likewise, and each row is combined with the total of all
-rows before it.
+run. Here a vector is scanned in doubling steps. A vector of more than 32,768 entries is split into
+rows of 64. Each row is scanned in six steps, then the last entries of the rows are scanned
+likewise, and each row is combined with the total of all rows before it.
 
 **Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12), 1986), "Sum of an array".
 """
@@ -15,7 +15,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 _ROW = 64
-"""Number of entries in a row."""
+"""Number of entries in a row of a long vector."""
+
+_SHORT = 2**15
+"""Greatest length of a vector that is scanned as one row. One loop takes half as long to compile as
+two, and its additional steps are cheap while the vector fits the cache."""
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
@@ -52,6 +56,8 @@ def _scan(x: Array, join: Callable[[Array, Array], Array]) -> Array:
     `join` is associative and elementwise, and its neutral element is 0.
     """
     count = x.shape[0]
+    if count <= _SHORT:
+        return _scan_rows(x[None], join)[0]
     rows = -(-count // _ROW)
     table = jnp.pad(x, (0, rows * _ROW - count)).reshape(rows, _ROW)
     table = _scan_rows(table, join)

@@ -1,4 +1,4 @@
-"""Prefix scans equal NumPy's, at lengths around a row of 64 and around 64 such rows."""
+"""Prefix scans equal NumPy's, at lengths around powers of two and around the limit of one row."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ import pytest
 from softras2d.numerics.prefix import cumulative_max, cumulative_sum
 
 
-@pytest.mark.parametrize("length", [1, 63, 64, 65, 4096, 4097, 10_000])
+@pytest.mark.parametrize("length", [1, 2, 63, 64, 65, 4097, 2**15, 2**15 + 1, 2**18 + 1])
 def test_scans_equal_numpy(length):
     values = np.random.default_rng(length).integers(0, 1000, length).astype(np.int32)
     np.testing.assert_array_equal(cumulative_sum(jnp.asarray(values)), np.cumsum(values))
