@@ -150,7 +150,11 @@ __all__ = [
 
 
 def __getattr__(name: str):
-    """Load a public name or module on its first use, and keep it in this module (PEP 562)."""
+    """Load a public name or module on its first use, and keep it in this module (PEP 562).
+
+    Python calls this function for names that are not attributes of the module yet. Raises
+    `AttributeError` for names that are not public.
+    """
     if name in _PUBLIC_MODULES:
         # The import system makes it an attribute of this module, so this runs once.
         return import_module(f".{name}", __name__)

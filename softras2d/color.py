@@ -59,7 +59,11 @@ def srgb_to_linear(values: Any) -> Any:
 
 
 def linear_to_srgb(values: Any) -> Any:
-    """Convert linear values to sRGB values, as the inverse of `srgb_to_linear`."""
+    """Convert linear values to sRGB values of the same dtype, as the inverse of `srgb_to_linear`.
+
+    -1, 0 and 1 stay the same. A negative value -v becomes minus the sRGB value of v. Above 1 the
+    formula for 0..1 is continued. Alpha must not be among the values.
+    """
     xp = values.__array_namespace__()
     magnitude = xp.abs(values)
     is_dark = magnitude <= 0.04045 / 12.92

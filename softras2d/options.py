@@ -124,8 +124,8 @@ class Filter(eqx.Module):
     """How textures are sampled.
 
     - `pixel`: within a mip level, the `"nearest"` texel or `"bilinear"` between four.
-    - `level`: mip level `"zero"` alone, the `"nearest"` level to the level of detail, or a
-      `"linear"` blend of the two levels next to it.
+    - `level`: mip level `"zero"` (the full image) alone, the `"nearest"` level to the level of
+      detail, or a `"linear"` blend of the two levels next to it.
     - `anisotropy`: maximum number of probes along the longer axis of the footprint, 1..16. 1 is
       isotropic, which blurs a stretched texture.
     - `lod_bias`: number of levels that is added to the level of detail. By default the level of

@@ -37,7 +37,7 @@ from .texture.pyramid import TexturePyramid
 class Scene(eqx.Module):
     """Triangles over a background. The optional arrays decide which effects are drawn.
 
-    - `positions`: `(x, y)` in pixels.
+    - `positions`: `(x, y)` in pixels, x right and y down.
     - `triangles`: three vertex indices each, in draw order and in either orientation; triangles may
       share vertices.
     - `colors`: straight RGB (opaque) or RGBA. With one corner each triangle has one colour; the
@@ -81,7 +81,7 @@ class Scene(eqx.Module):
         return scene_text(self)
 
     def _repr_html_(self) -> str | None:
-        """Return HTML for notebooks, with a small picture and the text of `repr`."""
+        """Return HTML of a small picture above the text of `repr`; None if it cannot be drawn."""
         return scene_html(self)
 
     @staticmethod
@@ -101,9 +101,10 @@ class Scene(eqx.Module):
         """Make a scene whose triangles share vertices.
 
         Give either `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles,
-        channels]` (flat) or `[triangles, 3, channels]` (one per corner). The default `background`
-        is white. All floats get the dtype of `positions`, which is float32 or float64; integer
-        positions become float32. Arrays on the host are converted without compiling anything.
+        channels]` (flat) or `[triangles, 3, channels]` (one per corner). The other arguments are
+        the fields of `Scene`. The default `background` is opaque white. All floats get the dtype of
+        `positions`, which is float32 or float64; integer positions become float32. Arrays on the
+        host are converted without compiling anything.
 
         Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
         look like bytes (0..255).
@@ -205,8 +206,8 @@ def check(scene: Scene) -> None:
     """Raise `ValueError` for invalid values, in one line that names the array and the entry.
 
     Invalid values are NaN, infinity, alpha outside 0..1, an index out of range and `inverse_w` of 0
-    or less; dtypes other than float32 and float64 are invalid too. While tracing, only dtypes are
-    known and checked. Accepts a batch of scenes.
+    or less. Invalid too are floats that are neither float32 nor float64, and indices that are not
+    integers. While tracing, only dtypes are known and checked. Accepts a batch of scenes.
     """
     check_types(scene)
     if is_traced(scene):
@@ -285,17 +286,17 @@ def _expect(name: str, value: Any, expected: tuple[int | str, ...]) -> None:
 
 
 def _gather(colors: Any, triangles: Any) -> Any:
-    """Gather vertex colours at the corners of triangles, `[triangles, 3, channels]`."""
+    """Gather vertex colours `[vertices, channels]` at corners, as `[triangles, 3, channels]`."""
     if isinstance(triangles, Tracer):
         colors = to_device(colors)
     return colors[triangles]
 
 
 def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
-    """Convert an array to a JAX array of `dtype`, or of its own dtype if `dtype` is None.
+    """Convert `prepared` to a JAX array of `dtype`, or of its own dtype if `dtype` is None.
 
-    `prepared` was made from the caller's value `given`. If that is a JAX array of the same shape,
-    it is used instead, so that no copy is needed.
+    `prepared` was made from the caller's value `given`. If `given` is itself a JAX array of the
+    same shape, it is converted instead, so that no copy is needed.
     """
     if isinstance(given, jax.Array) and given.shape == prepared.shape:
         return to_device(given, dtype or prepared.dtype)
@@ -303,7 +304,7 @@ def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
 
 
 def _background(value: Any, dtype: Any) -> Any:
-    """Check a background colour, and convert it to `dtype`; None stands for white."""
+    """Check a background colour `[3]` or `[4]`, and convert it to `dtype`; None is opaque white."""
     if value is None:
         return np.ones(3, dtype)
     background = _colors("background", value, dtype)
@@ -312,7 +313,7 @@ def _background(value: Any, dtype: Any) -> Any:
 
 
 def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
-    """Check an optional texture pyramid, and convert its texels to `dtype`."""
+    """Check that a value is a texture pyramid or None, and convert its texels to `dtype`."""
     if value is None:
         return None
     if not isinstance(value, TexturePyramid):
@@ -326,7 +327,7 @@ def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
 
 
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """Check the shape of an optional array, and convert it to `dtype`; None stands for int32."""
+    """Check an optional array's shape and convert it to `dtype` (None: int32); None stays None."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
@@ -335,7 +336,7 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
 
 
 def _integers(name: str, value: Any) -> Any:
-    """Convert a value to an array of integers, on the host or traced, and keep its dtype."""
+    """Convert a value to integers of its dtype, on the host or traced, or raise `ValueError`."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
@@ -343,7 +344,7 @@ def _integers(name: str, value: Any) -> Any:
 
 
 def _colors(name: str, value: Any, dtype: Any) -> Any:
-    """Convert colours as `_floats` does; raise `ValueError` for integers that must be bytes."""
+    """Convert colours as `_floats` does; raise `ValueError` for integers above 1 (bytes)."""
     array = _numbers(name, value)
     refuse_integer_bytes(f"`{name}`", array)
     return _floats(name, array, dtype)
@@ -352,7 +353,8 @@ def _colors(name: str, value: Any, dtype: Any) -> Any:
 def _floats(name: str, value: Any, dtype: Any) -> Any:
     """Convert a value to an array of floats of `dtype`, on the host or traced.
 
-    With `dtype` None, floats keep their dtype and integers become float32.
+    With `dtype` None, floats keep their dtype, except that float64 becomes float32 without
+    `jax_enable_x64`. Integers then become float32, and half precision raises `ValueError`.
     """
     array = _numbers(name, value)
     if dtype is None:
@@ -366,7 +368,7 @@ def _floats(name: str, value: Any, dtype: Any) -> Any:
 
 
 def _numbers(name: str, value: Any) -> Any:
-    """Convert a value to an array of real numbers, on the host or traced."""
+    """Convert a value to an array of real numbers, on the host or traced, or raise `ValueError`."""
     try:
         array = to_host(value)
     except (TypeError, ValueError) as error:
@@ -381,7 +383,7 @@ def _numbers(name: str, value: Any) -> Any:
 def take_triangles(scene: Scene, is_taken: np.ndarray) -> Scene:
     """Return a scene of only the triangles where `is_taken`, `[triangles]`, is true.
 
-    All vertices are kept, with their indices. Not for use while tracing.
+    All vertices are kept. Returns `scene` itself if all are taken. Not for use while tracing.
     """
     if is_taken.all():
         return scene

@@ -37,14 +37,15 @@ class Expansion(NamedTuple):
 
 
 Expand = Callable[[HostOrDeviceArray], Expansion]
-"""A function from the counts `[owners]` to their expansion, such as `expand_on_host`."""
+"""A function that expands counts `[owners]` to one entry per item, such as `expand_on_host`."""
 
 
 def expand_on_device(count: Int[Array, " owners"], *, capacity: int) -> Expansion:
-    """Expand counts, in JAX, into a list of `capacity` entries.
+    """Expand counts, in JAX, into a list of `capacity` entries, one for each counted item.
 
-    Items beyond the capacity are left out of the list, but `total` counts them too. `total` is
-    clamped to 2^30 (`saturated_sum`).
+    The list repeats the index of owner i `count[i]` times. Items beyond the capacity are left out,
+    but `total` counts them too, clamped to 2^30 (`saturated_sum`). If there are fewer items, the
+    last entries are unused.
     """
     owner, rank = expand(count, capacity)
     total = saturated_sum(count)
@@ -52,7 +53,10 @@ def expand_on_device(count: Int[Array, " owners"], *, capacity: int) -> Expansio
 
 
 def expand_on_host(count: np.ndarray) -> Expansion:
-    """Expand counts, in numpy, into a list that is exactly as long as the sum of the counts."""
+    """Expand counts, in numpy, into a list that is exactly as long as the sum of the counts.
+
+    The list has one entry for each counted item: it repeats the index of owner i `count[i]` times.
+    """
     start = np.cumsum(count) - count
     owner = np.repeat(np.arange(len(count), dtype=np.int32), count)
     rank = (np.arange(len(owner)) - start[owner]).astype(np.int32)
@@ -64,8 +68,9 @@ def expand(
 ) -> tuple[Int[Array, " entries"], Int[Array, " entries"]]:
     """Compute the owner and the rank of each of `capacity` entries, as defined by `Expansion`.
 
-    Entries beyond the sum of the counts are unused. They name the last owner that has an item, or
-    owner 0 if no owner has one, and their ranks are not below the count of that owner.
+    Owner i is named by `count[i]` successive entries, whose ranks are 0, 1, and so on. Entries
+    beyond the sum of the counts are unused. They name the last owner that has an item, or owner 0
+    if no owner has one, and their ranks are not below the count of that owner.
     """
     start = cumulative_sum(count) - count
     numbers = jnp.where(count > 0, jnp.arange(count.shape[0], dtype=jnp.int32), 0)

@@ -124,7 +124,7 @@ def _fill_slots(
     """Compute the fields `triangle`, `filled` and `entry` of `Chunks`, in this order.
 
     `tile` and `index` are fields of `Chunks`. `total` is the number of chunks that are needed; the
-    slots of later chunks are empty.
+    slots of later chunks are empty. Empty slots get triangle 0 and entry 0.
     """
     position = index[:, None] * slots_per_chunk + jnp.arange(slots_per_chunk, dtype=jnp.int32)[None]
     is_used = jnp.arange(tile.shape[0], dtype=jnp.int32) < total
@@ -139,9 +139,11 @@ def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks
     - `triangles`, `tiles`: number of triangles, and number of tiles.
     - `slots_per_chunk`: number of slots of a chunk.
 
-    If the triangles do not fill a tile's chunks, the first slots of its first chunk stay empty, and
-    not the last slots of its last chunk. The triangles that `pad` appends then fill chunks of their
-    own, so that sums over the slots of the other chunks do not change by a rounding.
+    The slots of a tile hold the triangles from the last in draw order, which is nearest, to the
+    first. If the triangles do not fill a tile's chunks, the first slots of its first chunk stay
+    empty, and not the last slots of its last chunk. The triangles that `pad` appends then fill
+    chunks of their own, so that sums over the slots of the other chunks do not change by a
+    rounding.
     """
     per_tile = -(-triangles // slots_per_chunk)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)

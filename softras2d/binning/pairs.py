@@ -98,7 +98,11 @@ def _expand_strips(bounds: SampleBounds, tiling: Tiling, expand: Expand) -> Expa
 def _gather_row_edges(
     edges: Edges | Lines, bounds: SampleBounds, strip_list: Expansion, tiling: Tiling
 ) -> RowEdges:
-    """Gather the edges of each strip's triangle, and evaluate them in the strip's row of tiles."""
+    """Gather the edges of each strip's triangle, and evaluate them in the strip's row of tiles.
+
+    `edges` and `bounds` are those of all triangles. The entries of `strip_list` are the strips, as
+    `_expand_strips` lists them.
+    """
     triangle, rank = strip_list.owner, strip_list.rank
     first, second, third = (edge.gather(triangle) for edge in edges)
     return row_edges((first, second, third), bounds.gather(triangle), rank, tiling)
@@ -111,9 +115,11 @@ def _find_strips(
     strip_list: Expansion,
     tiling: Tiling,
 ) -> Strips:
-    """Find the tiles of each strip; `edges` are those of its triangle in its row of tiles.
+    """Find the tiles of each strip, which is a triangle in a row of tiles.
 
-    `bounds` and `is_occluder` are those of all triangles.
+    `edges` are those of each strip's triangle in its row of tiles. `bounds` and `is_occluder` are
+    those of all triangles. The entries of `strip_list` are the strips, as `_expand_strips` lists
+    them; unused entries get no tiles.
     """
     triangle, rank, is_used, _ = strip_list
     return narrow_strips(
@@ -124,8 +130,8 @@ def _find_strips(
 class _TouchedTiles(NamedTuple):
     """Pairs of a triangle and a tile, before hidden pairs are marked.
 
-    `triangle`, `tile` and `covers_tile` are as in `Pairs`, except that hidden pairs have their own
-    tile.
+    `triangle`, `tile` and `covers_tile` are as in `Pairs`, except that hidden pairs still have the
+    index of the tile that the triangle touches.
 
     - `occluded_tile`: equal to `tile` where the triangle hides all that is behind it in the tile,
       else `tiling.count`, one past the last tile.
@@ -169,6 +175,7 @@ def _drop_hidden(
 ) -> Int[HostOrDeviceArray, " pairs"]:
     """Return `tile`, changed to `tiling.count`, one past the last tile, for every hidden pair.
 
+    A pair is hidden if a later triangle in draw order hides all that is behind it in the tile.
     `triangles` is the number of triangles; the other arguments are fields of `_TouchedTiles`.
     """
     xp = tile.__array_namespace__()

@@ -89,7 +89,8 @@ def reached_triangles(
     - `corners`: in pixels from the canvas's upper left, in either orientation; NaN for padding.
     - `reach`: how far coverage extends beyond the edges, in pixels; a number or a scalar array.
 
-    Works for NumPy and JAX alike.
+    A triangle with a corner that is not finite gets empty bounds and the orientation 0. Works for
+    NumPy and JAX alike.
     """
     xp = corners.__array_namespace__()
     f32 = xp.float32

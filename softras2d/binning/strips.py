@@ -129,7 +129,7 @@ def narrow_strips(
 
     - `edges`: the edges of each strip's triangle in its row of tiles (`row_edges`).
     - `bounds`, `is_occluder`: gathered per strip, from its triangle.
-    - `rank`: as in `row_edges`.
+    - `rank`: number of the strip's row of tiles, from 0 at the top of the triangle's bounding box.
     - `is_used`: whether the entry is a strip. Where this is false, the result has no tiles.
     """
     xp = rank.__array_namespace__()
@@ -161,7 +161,8 @@ def _tile_limits(
 
     `columns` is the width of a tile, in samples. Returns four tile columns: the first and the last
     tile that may have a sample inside the edge, and then the first and the last tile that certainly
-    have no sample outside the edge.
+    have no sample outside the edge. They are not limited to the canvas: where the edge sets no
+    limit, the first is -`_ANYWHERE`, and the last is `_ANYWHERE`.
     """
     value, right, drop, margin = edge
     xp = value.__array_namespace__()
@@ -198,6 +199,10 @@ def _limits_of(
       each tile: `lead` if the function grows to the right, `lag` if it falls.
     - `error`: distance, in tiles, by which the limits are moved outwards, or inwards if it is
       negative.
+
+    The limits are not limited to the canvas. Where the function sets no first or no last column,
+    the result is -`_ANYWHERE` or `_ANYWHERE`. If a constant function is negative, both are
+    `_ANYWHERE`.
     """
     xp = value.__array_namespace__()
     # A constant value is positive in all tiles or in none.

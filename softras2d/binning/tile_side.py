@@ -20,7 +20,7 @@ SIDES = (8, 4)
 """Sides of a tile to choose from, in pixels; the first is preferred."""
 
 WORST_CASE_SIDE = 16
-"""Side of a tile, in pixels, of a plan that no positions can outgrow.
+"""Side of a tile, in pixels, with `capacity="worst_case"`: a plan that no positions can outgrow.
 
 There every tile lists every triangle, so that large tiles cost no more pixels than small ones.
 Measured with 8 to 100 triangles at 28 to 128 pixels.
@@ -63,10 +63,11 @@ def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
 
 
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:
-    """Area and perimeter, in pixels, of each triangle extended on all sides by `reach` pixels.
+    """Area and perimeter of each triangle extended on all sides by `reach` pixels.
 
-    The results are at most the area and the perimeter of the canvas. Triangles that are not finite
-    are left out, so the results may be shorter than `corners`.
+    The area is in square pixels, the perimeter in pixels. They are at most the area and the
+    perimeter of the canvas. Triangles that are not finite are left out, so the results may be
+    shorter than `corners`.
     """
     # Padding has corners that are not finite (`corners_of`), and costs nothing.
     corners = corners[np.isfinite(corners).all((1, 2))]

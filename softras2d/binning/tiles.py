@@ -51,8 +51,8 @@ def list_tiles(
     """List the triangles that may show in each tile, nearest first.
 
     - `edges`, `bounds`: as in `pairs.find_pairs`.
-    - `is_occluder`: whether each triangle is opaque wherever it covers. Triangles that it hides in
-      a whole tile are not listed for that tile.
+    - `is_occluder`: whether each triangle is opaque wherever it covers. Where such a triangle
+      covers a whole tile, the triangles behind it are not listed for that tile.
     - `strips`, `pairs`: capacities of the lists of strips and of pairs.
     """
     triangles = is_occluder.shape[0]
@@ -95,10 +95,11 @@ def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:
-    """Compute the fields `start` and `count` of `TileLists`, for pairs sorted by tile.
+    """Count the pairs of each tile, and find where each tile begins once pairs are sorted by tile.
 
-    `tile` is the tile of each pair, in any order. `tiles` is the number of tiles. Pairs with the
-    tile `tiles`, one past the last, are hidden or unused, and are not counted.
+    Returns the fields `start` and `count` of `TileLists`. `tile` is the tile of each pair, in any
+    order. `tiles` is the number of tiles. Pairs with the tile `tiles`, one past the last, are
+    hidden or unused, and are not counted.
     """
     count = jnp.zeros(tiles + 1, jnp.int32).at[tile].add(1)[:-1]
     return cumulative_sum(count) - count, count

@@ -9,47 +9,57 @@ import numpy as np
 
 
 def identity() -> np.ndarray:
-    """Matrix of the map that leaves every point in place."""
+    """Return the homogeneous 3x3 matrix of the map that leaves every point in place."""
     return np.eye(3)
 
 
 def translate(x: float, y: float = 0.0) -> np.ndarray:
-    """Matrix of the map that moves every point by (x, y)."""
+    """Return the homogeneous 3x3 matrix of the map that moves every point by (x, y)."""
     return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
 def scale(x: float, y: float | None = None) -> np.ndarray:
-    """Matrix of the map that multiplies x coordinates by `x`, and y coordinates by `y`.
+    """Return the homogeneous 3x3 matrix that multiplies x coordinates by `x`, y coordinates by `y`.
 
-    Without `y`, both are multiplied by `x`.
+    If `y` is None, both are multiplied by `x`.
     """
     return np.diag([x, x if y is None else y, 1.0])
 
 
 def rotate(degrees: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    """Matrix of a rotation about the point (x, y), clockwise on a screen whose y points down."""
+    """Return the homogeneous 3x3 matrix of a rotation about the point (x, y).
+
+    Positive angles turn clockwise on a screen whose y points down.
+    """
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return translate(x, y) @ rotation @ translate(-x, -y)
 
 
 def skew_x(degrees: float) -> np.ndarray:
-    """Matrix of a shear along x, which adds y tan(degrees) to x."""
+    """Return the homogeneous 3x3 matrix of a shear along x, which adds y tan(degrees) to x."""
     return np.array([[1.0, np.tan(np.radians(degrees)), 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def skew_y(degrees: float) -> np.ndarray:
-    """Matrix of a shear along y, which adds x tan(degrees) to y."""
+    """Return the homogeneous 3x3 matrix of a shear along y, which adds x tan(degrees) to y."""
     return skew_x(degrees).T
 
 
 def matrix(a: float, b: float, c: float, d: float, e: float, f: float) -> np.ndarray:
-    """Make the map of SVG's `matrix(a b c d e f)`: columns (a, b), (c, d), translation (e, f)."""
+    """Return the 3x3 matrix of SVG's `matrix(a b c d e f)`, which has the last row (0, 0, 1).
+
+    Its columns are (a, b), (c, d) and the translation (e, f).
+    """
     return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
 def check_map(map3: Any) -> np.ndarray:
-    """Convert a matrix to float64; raise `ValueError` unless it is 3x3, finite and invertible."""
+    """Convert a matrix to float64; raise `ValueError` unless it is 3x3, finite and invertible.
+
+    Whether it is invertible is decided after its rows and columns are scaled to comparable size.
+    The returned matrix is not scaled.
+    """
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
         raise ValueError(f"`transform` must be a 3x3 matrix; got shape {map3.shape}.")
@@ -59,9 +69,10 @@ def check_map(map3: Any) -> np.ndarray:
 
 
 def _equilibrated(map3: np.ndarray) -> np.ndarray:
-    """Scale the rows of a matrix, then its columns, so that the largest entry of each is 1.
+    """Scale the rows of a matrix, then its columns, so that the largest entry of each is 1 in size.
 
-    Whether the result is singular then does not depend on the unit of the map's coordinates.
+    Rows and columns of zeros stay as they are. Whether the result is singular then does not depend
+    on the unit of the map's coordinates.
     """
     for axis in (1, 0):
         largest = np.abs(map3).max(axis, keepdims=True)
@@ -70,9 +81,10 @@ def _equilibrated(map3: np.ndarray) -> np.ndarray:
 
 
 def apply(map3: np.ndarray, points: Any) -> np.ndarray:
-    """Map points `[..., 2]`: multiply by the matrix, then divide x and y by the third component w.
+    """Map points `[..., 2]`: multiply (x, y, 1) by the 3x3 matrix, then divide x and y by w.
 
-    Raises `ValueError` if w is not positive for some point.
+    w is the third component of the product. Raises `ValueError` if it is not positive for some
+    point. Returns float64 of the shape of `points`.
     """
     points = np.asarray(points, np.float64)
     mapped = points @ map3[:, :2].T + map3[:, 2]

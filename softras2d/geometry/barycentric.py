@@ -2,7 +2,8 @@
 
 The three edge values at a point add up to twice the area of the triangle. The ratio of one edge
 value to this sum is the weight of the corner opposite that edge. Edge values and areas are in the
-unit of `fixed_point`.
+unit of `fixed_point`. Corners are those of the triangle reoriented to positive area, in which
+corners 1 and 2 may be exchanged.
 
 The weight of corner 1 or 2 is an edge value times the reciprocal of the sum. The edge value is an
 exact integer (`WrappedValue`) plus a fraction. Converting the integer to a float rounds it once if
@@ -31,15 +32,16 @@ class Weights(NamedTuple):
     A slot is a triangle in a tile. For a triangle within the guard band, the weight of a corner at
     a sample is `per_value` times the value of the opposite edge function there, plus `offset`. For
     a triangle that reaches past the band it is the value of `plane`. `weights_at` and `weight_sums`
-    evaluate the weights.
+    evaluate the weights. Corners are those of the triangle reoriented to positive area.
 
     - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, as one `Edge`
-      of arrays `[2, *slots]`. Samples are counted from the first sample of the slot's tile.
+      of arrays `[2, *slots]`. Their sample (0, 0) is the upper left one of the slot's tile.
     - `per_value`: one over the result of `twice_area`; 0 for triangles without area.
     - `offset`: 1/3 for triangles without area, so that all corners have equal weights; else 0.
     - `plane`: weights of triangles past the guard band, as affine functions in floats. The first
-      axis has the weight at the tile's first sample, its step right and its step down; the second
-      has corners 1 and 2. None if no triangle can be past the band.
+      axis has the weight at the tile's first sample, and its change from a sample to the next one
+      to the right and to the next one below; the second axis has corners 1 and 2. None if no
+      triangle can be past the band.
     - `is_far`: whether the slot's triangle reaches past the guard band, so that `plane` holds its
       weights. None if `plane` is None.
     """
@@ -51,9 +53,10 @@ class Weights(NamedTuple):
     is_far: Bool[Array, "*slots"] | None = None
 
     def map_slots(self, change: Callable[[Array], Array]) -> "Weights":
-        """Apply `change`, which indexes or reshapes the slot axes, to every array of the fields.
+        """Return these weights with `change` applied to the slot axes of every array.
 
-        `change` gets arrays of the shape `[*slots]`: leading axes are mapped over.
+        `change` is a function that indexes or reshapes an array `[*slots]`. It is mapped over the
+        axes that come before the slot axes in some fields.
         """
         edges = Edge(*(jax.vmap(change)(entry) for entry in self.edges))
         weights = Weights(edges, change(self.per_value), change(self.offset))
@@ -67,8 +70,10 @@ def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
     """Twice the area of each triangle, accurate to within a few roundings.
 
     It is the sum of the three edge functions, in their unit, which is 2^-bits / rate square pixels
-    with the fields of `Grid`. It has no meaning for triangles past the guard band and, with the
-    fill rule "top_left", for triangles without area, which cover no sample: it is not 0 there.
+    with the fields of `Grid`. It is positive, as edges are those of reoriented triangles, and 0 for
+    a triangle without area. It has no meaning for triangles past the guard band. With the fill rule
+    "top_left" it has none for triangles without area either, which cover no sample: it is not 0
+    there. `dtype` is the dtype of the result.
     """
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
@@ -87,7 +92,7 @@ def slot_weights(
     """Gather the `Weights` of slots, each of which is a triangle in a tile.
 
     - `edges`: the edge functions of all triangles, with samples counted from the canvas's first.
-    - `area`: the result of `twice_area` for all triangles.
+    - `area`: the result of `twice_area` for all triangles. Its dtype is that of the weights.
     - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     - `planes`: weights of triangles past the guard band; None if no triangle can be there.
     """
@@ -109,16 +114,17 @@ def slot_weights(
 class AffineWeights(NamedTuple):
     """Numbers from which `weights_at` computes the weights of corners 1 and 2 at single samples.
 
-    A weight at the sample in this column and row of the slot's tile is
-    `scale * (start + right * column + down * row) + offset`, where the sum in brackets is an exact
-    integer. For triangles past the guard band it is the value of `plane` instead. The first axis of
+    The weight at a sample is `scale * (start + right * column + down * row) + offset`, where the
+    sum in brackets is an exact integer. `column` and `row` are those of the sample, counted from
+    the first sample of the slot's tile. A slot is a triangle in a tile. For triangles past the
+    guard band the weight is the value of `plane` instead, clamped to 0..1. The first axis of
     `start`, `right`, `down` and `offset` has corners 1 and 2.
 
     - `start`, `right`, `down`: integers of the edge function opposite the corner. The edge value at
       the tile's first sample is `start` plus a multiple of 2^31 plus a fraction
       (`WrappedValue.split`).
     - `scale`: `Weights.per_value`.
-    - `offset`: `scale` times this multiple and this fraction, plus `Weights.offset`.
+    - `offset`: `scale` times the sum of this multiple and this fraction, plus `Weights.offset`.
     - `plane`, `is_far`: as in `Weights`.
     """
 
@@ -151,7 +157,8 @@ def weights_at(
 
     `column` and `row` count samples from the tile's first one. The weights may lie outside 0..1 at
     samples outside the triangle, except for triangles past the guard band, where they are clamped.
-    The results equal the sums of `weight_sums` with a count of 1, up to a rounding.
+    Both are 1/3 for a triangle without area. The results equal the sums of `weight_sums` with a
+    count of 1, up to a rounding.
     """
     dtype = terms.scale.dtype
     weights = []
@@ -194,8 +201,8 @@ def weight_sums(
     Weights are affine functions of the sample, so the sums follow from these three numbers:
 
     - `count`: number of samples in the set, at most 256.
-    - `across`: sum of the samples' columns in the tile.
-    - `down`: sum of the samples' rows in the tile.
+    - `across`: sum of the samples' columns, counted from 0 at the left of the tile.
+    - `down`: sum of the samples' rows, counted from 0 at the top of the tile.
 
     The slot axes of `weights` broadcast against `count`, `across` and `down`. For a triangle
     without area each sum is `count` / 3. For triangles past the guard band the sums of corners 1

@@ -42,7 +42,8 @@ class Grid(NamedTuple):
         - `rate`: number of samples along the side of a pixel.
         - `bits`: asks for a grid unit of 2^-bits pixel instead, at least 8 and at most the default.
           It may be the grid of a larger canvas that is drawn in pieces. The guard band is then made
-          so wide that the span is 2^23 units, so that few triangles of the larger canvas are cut.
+          so wide that the span of the longer side is exactly 2^23 units, so that few triangles of
+          the larger canvas are cut. None means the default.
 
         Raises `ValueError` for arguments outside these ranges.
         """

@@ -21,8 +21,7 @@ is negative at the same samples as the edge function, and steps by integers belo
 remainder of the division is the same at all samples of the image. The integer e(i, j) is the *edge
 value* at sample (i, j), in units of 1 / (S 2^k) square pixels. The offset may need 43 bits. It is
 kept modulo 2^32 beside a float32 estimate with an error below 2^20, as a `WrappedValue`, which
-recovers the sign and the value from these two numbers. Within a tile, an edge value beyond 2^30 in
-size cannot change its sign, so it may be clamped to +-2^30.
+recovers the sign and the value from these two numbers.
 
 Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
 counts on the host what a render does on the device.
@@ -44,12 +43,12 @@ _LOW = 12  # bits of the lower half of a 24-bit extent
 class GridTriangles(NamedTuple):
     """The directed edges of each triangle, in grid units of 2^-bits pixel.
 
-    - `x`, `y`: the point at which each edge starts.
+    - `x`, `y`: the point at which edge 0, 1 and 2 starts, counted from the canvas's upper left.
     - `dx`, `dy`: the vector from the start of each edge to its end.
     - `orientation`: sign of the area of the triangle as the scene gives it, -1, 0 or 1. The edges
       bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
-    - `left`, `right`, `top`, `bottom`: the bounding box; empty (`left > right`) for padding
-      (`is_padding`) and for a triangle with a corner that is not finite.
+    - `left`, `right`, `top`, `bottom`: the bounding box, inclusive; empty (`left > right`) for
+      padding (`is_padding`) and for a triangle with a corner that is not finite.
     - `fixed_sign`: 0 for an edge whose line decides which samples are inside. Otherwise the line is
       ignored, and the edge function is this number everywhere, so that all samples are inside (1)
       or outside (-1).
@@ -71,8 +70,9 @@ class Edge(NamedTuple):
     """One edge function of each triangle, or several edge functions along a leading axis.
 
     An edge function is affine on the screen, and positive inside the triangle. It is split into an
-    integer, the edge value, and a fraction. All entries are in the unit of the edge value, which is
-    1 / (rate 2^bits) square pixels with the fields of `Grid`.
+    integer, the edge value, and a fraction. A sample is inside the edge where the edge value is 0
+    or more. All entries are in the unit of the edge value, which is 1 / (rate 2^bits) square pixels
+    with the fields of `Grid`. Sample (0, 0) is the canvas's upper left one, unless `rebased`.
 
     - `right`, `down`: change of the value from a sample to the next one to the right or below.
     - `start`, `estimate`: the edge value at sample (0, 0), modulo 2^32 and as float32. They are the
@@ -91,29 +91,29 @@ class Edge(NamedTuple):
         return Edge(*(entry[index] for entry in self))
 
     def at(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> WrappedValue:
-        """The edge value, an integer, at the sample in this column and row of the canvas."""
+        """Evaluate the edge value, an integer, at a column and row counted from sample (0, 0)."""
         start = WrappedValue(self.start, self.estimate)
         return start.moved((self.right, column), (self.down, row))
 
     def sum_over(
         self, count: HostOrDeviceArray, columns: HostOrDeviceArray, rows: HostOrDeviceArray
     ) -> WrappedValue:
-        """Sum of the edge values, which are integers, over a set of samples.
+        """Sum the edge values, which are integers, over a set of samples.
 
         `count` is the number of samples in the set, 0..256, `columns` the sum of their columns, and
-        `rows` the sum of their rows.
+        `rows` the sum of their rows, both counted from sample (0, 0).
         """
         start = WrappedValue(self.start, self.estimate)
         return start.times(count).moved((self.right, columns), (self.down, rows))
 
     def rebased(self, column: HostOrDeviceArray, row: HostOrDeviceArray) -> "Edge":
-        """Return this edge function with another sample (0, 0): the one in this column and row."""
+        """Return this edge function with samples counted from the one at this column and row."""
         start, estimate = self.at(column, row)
         return self._replace(start=start, estimate=estimate)
 
 
 Edges = tuple[Edge, Edge, Edge]
-"""The three edge functions of each triangle.
+"""The three edge functions of each triangle, reoriented to positive area.
 
 Edge 0 runs from corner 0 to corner 1, edge 1 from there to corner 2, edge 2 back to corner 0.
 """
@@ -252,8 +252,7 @@ def snap(corners: Corners, grid: Grid) -> Snapped:
 def orient(snapped: Snapped) -> Int[HostOrDeviceArray, " triangles"]:
     """Exact sign of the area of each snapped triangle, -1, 0 or 1.
 
-    The sign is 1 where corners 0, 1 and 2 follow each other clockwise on a screen whose y points
-    down.
+    The sign is 1 where corners 0, 1 and 2 are in clockwise order on a screen whose y points down.
     """
     x, y, _ = snapped
     return sign_of_cross(x[1] - x[0], y[1] - y[0], x[2] - x[0], y[2] - y[0])
@@ -301,6 +300,7 @@ def reorient(
 def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, as one `Edge` of arrays `[3, triangles]`.
 
+    Where `GridTriangles.fixed_sign` is not 0, the edge function is this number at every sample.
     `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples exactly on an edge are inside. With
     `"top_left"`, they are inside only of an edge that goes up, or to the right along a row. From
     the edge function of every other edge, which is an integer, 1 is then subtracted before it is
@@ -391,8 +391,7 @@ def last_sample_until(
 def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
     """Whether all corners of each triangle lie in the guard band.
 
-    The result is also true for triangles that are not `Corners.finite`, as their corners are (0,
-    0).
+    It is also true for triangles that are not `Corners.finite`, as their corners are (0, 0).
     """
     xp = corners.high.__array_namespace__()
     dtype = corners.high.dtype

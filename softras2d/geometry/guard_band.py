@@ -40,9 +40,10 @@ _FARTHEST_BITS = 30
 """Coordinates beyond 2^30 pixels are scaled down by a power of two, to keep products finite."""
 
 _AREA_ROUNDING = 2.0**-40
-"""Greatest ratio of the results of `_area` at which the area may be a rounding error.
+"""Greatest ratio of a triangle's area to its scale at which the area may be a rounding error.
 
-A triangle with so small an area counts as one without area.
+Area and scale are the two results of `_area`. A triangle with so small an area counts as one
+without area.
 """
 
 
@@ -81,8 +82,9 @@ class FarTriangles(NamedTuple):
 def far_triangles(corners: Corners, is_far: Bool[HostOrDeviceArray, " triangles"]) -> FarTriangles:
     """Compute the orientation of the triangles where `is_far` is true, and reorient them.
 
-    `is_far` says which triangles reach past the guard band. A triangle whose area may be a rounding
-    error (`_AREA_ROUNDING`) has the orientation 0.
+    `is_far` says which triangles reach past the guard band. All others get corners at (0, 0) and
+    the orientation 0. A triangle whose area may be a rounding error (`_AREA_ROUNDING`) gets the
+    orientation 0 too, but keeps its corners.
     """
     xp = is_far.__array_namespace__()
     x, y = (
@@ -111,8 +113,10 @@ def clip(far: FarTriangles, grid_triangles: GridTriangles, grid: Grid) -> GridTr
     - `far`: the triangles that reach past the guard band, with exact corners.
     - `grid_triangles`: all triangles, with the corners of far triangles clamped to the band.
 
-    Returns `grid_triangles` with new edges, orientation and `fixed_sign` for the far triangles. An
-    edge that stays away from the canvas gets a `fixed_sign`. Bounding boxes are not changed.
+    Returns `grid_triangles` with new edges, orientation and `fixed_sign` for the far triangles.
+    Bounding boxes are not changed. An edge that stays away from the canvas gets a `fixed_sign` of
+    1, so that it excludes no sample. If all three edges stay away, and the triangle does not
+    contain the centre of the canvas or has no area, they get -1, so that it covers no sample.
     """
     xp = far.orientation.__array_namespace__()
     start: Point = (far.x, far.y)
@@ -253,7 +257,7 @@ def _area(x: Pair, y: Pair, *_: HostOrDeviceArray) -> tuple[Pair, HostOrDeviceAr
 def _surrounds_center(far: FarTriangles, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
     """Whether the centre of the canvas lies inside each far triangle, or on its edge.
 
-    The result has no meaning for triangles that are not far.
+    The result has no meaning for triangles that are not far or have no area.
     """
     xp = far.orientation.__array_namespace__()
     x, y, shrink_x, shrink_y = _scaled(far.x, far.y)
@@ -315,8 +319,9 @@ def _cut_axis(
     """Cut edges to the guard band along x (axis 0) or y (axis 1); return their new ends.
 
     An end outside the band along this axis is moved to the point where the edge enters the band. An
-    edge that misses the band ends up outside it. `start` and `end` are the ends of each edge, in
-    pixels times `shrink`, the factors along x and along y.
+    edge that lies beyond the band along this axis shrinks to one point at the limit of the band,
+    away from the canvas. `start` and `end` are the ends of each edge, in pixels times `shrink`, the
+    factors along x and along y.
 
     The axes are cut one after the other, and not by a common parameter: the needle from (1e20, 0)
     to (-1e20, 9) crosses the band within a parameter interval that float32 cannot tell from a

@@ -27,7 +27,7 @@ class Tiling(NamedTuple):
     def one_word_wide(grid: Grid) -> "Tiling":
         """Make the tiles for sampled coverage, in which a row of samples fits one 32-bit word.
 
-        They have 8 x 32 pixels with 1 sample per pixel, and down to 2 x 2 with 256.
+        They are 8 pixels high and 32 wide with 1 sample per pixel, and down to 2 x 2 with 256.
         """
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
@@ -43,9 +43,9 @@ class Tiling(NamedTuple):
         return self.rows * self.columns
 
     def first_sample(self, tile: HostOrDeviceArray) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
-        """Sample column and sample row, on the canvas, of the upper left sample of each tile.
+        """Compute the column and the row, on the canvas, of the upper left sample of each tile.
 
-        `tile` holds indices of tiles.
+        `tile` holds indices of tiles. The results count samples, not pixels.
         """
         return (tile % self.columns) * self.sample_columns, (
             tile // self.columns

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..numerics.array_types import DTypeLike, HostOrDeviceArray
 
 FAR = 2**30
-"""Estimates of this size or more have the sign of the value."""
+"""Estimates of this absolute size or more have the sign of the `WrappedValue` they belong to."""
 
 
 class WrappedValue(NamedTuple):

@@ -31,7 +31,7 @@ def map_blocks(
     - `size`: number of entries in a block.
 
     On devices other than the CPU, and for at most `size` entries, all entries are computed as one
-    block; other devices need many entries at once.
+    block, whatever `used_count` is; other devices need many entries at once.
 
     Not differentiable in reverse mode.
     """

@@ -45,8 +45,9 @@ def keep_compiled_programs() -> None:
 def cache_folder() -> Path:
     """Path of the folder in which compiled programs are kept.
 
-    It lies in the cache folder of the user's system, and is for this type of processor only.
-    `XDG_CACHE_HOME` is honoured on every system. Raises `RuntimeError` if there is no home folder.
+    It lies in the cache folder of the user's system, and is for this type of processor only. It is
+    not created here. `XDG_CACHE_HOME` is honoured on every system. Raises `RuntimeError` if there
+    is no home folder.
     """
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     # Relative paths are to be ignored (XDG Base Directory Specification).

@@ -71,14 +71,17 @@ def _run(x, *leaves, pair: _MapAndTranspose):
 
 
 def _shape(x, *leaves, pair: _MapAndTranspose):
-    """Shape and dtype of the result."""
+    """Return the shape and the dtype of the map's result, as an abstract array."""
     arguments = [jax.ShapeDtypeStruct(a.shape, a.dtype) for a in (x, *leaves)]
     out = jax.eval_shape(pair.forward, *arguments)
     return ShapedArray(out.shape, out.dtype)
 
 
 def _jvp(primals, tangents, *, pair: _MapAndTranspose):
-    """Differentiate the map: by x, which is the map itself, and by `fixed`, which is autodiff."""
+    """Compute the map's value and its tangent.
+
+    The derivative by x is the map itself; the derivative by the leaves of `fixed` is by autodiff.
+    """
     x, *leaves = primals
     x_tangent, *leaf_tangents = tangents
     out = _linear_map.bind(x, *leaves, pair=pair)
@@ -101,7 +104,10 @@ def _jvp(primals, tangents, *, pair: _MapAndTranspose):
 
 
 def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
-    """Apply the map with `forward` and `backward` exchanged; leaves of `fixed` get no cotangent."""
+    """Apply the transpose to a cotangent: the map with `forward` and `backward` exchanged.
+
+    Returns the cotangent of x, and None for each leaf of `fixed`.
+    """
     assert ad.is_undefined_primal(x) and not any(map(ad.is_undefined_primal, leaves))
     no_cotangents = [None] * len(leaves)
     if type(cotangent) is ad.Zero:
@@ -111,7 +117,10 @@ def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
 
 
 def _batch(arguments, axes, *, pair: _MapAndTranspose):
-    """Bind the batched map to arguments whose batch axis has been moved to the front."""
+    """Apply the map to a batch, whose axis is moved to the front of all batched arguments.
+
+    `axes` has the batch axis of each argument, or None. Returns the result and its batch axis, 0.
+    """
     x, *leaves = arguments
     size = next(a.shape[d] for a, d in zip(arguments, axes, strict=True) if d is not None)
     x = batching.bdim_at_front(x, axes[0], size)

@@ -48,12 +48,15 @@ def _run(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
 
 
 def _shapes(*leaves: Any, jaxpr: ClosedJaxpr) -> list[Any]:
-    """Shapes and dtypes of the results."""
+    """Return the shapes and dtypes of the results, as a list of abstract arrays."""
     return jaxpr.out_avals
 
 
 def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[Any]]:
-    """Differentiate the traced function by those inputs whose tangents are not symbolic zeros."""
+    """Compute the values of the traced function, and their tangents.
+
+    Only inputs whose tangents are not symbolic zeros are differentiated.
+    """
     active = [i for i, tangent in enumerate(tangents) if type(tangent) is not ad.Zero]
 
     def by_active(*values: Any) -> list[Any]:
@@ -66,7 +69,11 @@ def _jvp(primals: Any, tangents: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any],
 
 
 def _batch(arguments: Any, axes: Any, *, jaxpr: ClosedJaxpr) -> tuple[list[Any], list[int]]:
-    """Map the function over the elements of a batch, one after another."""
+    """Map the function over the elements of a batch, one after another.
+
+    `axes` has the batch axis of each argument, or None. Returns the results and their batch axes,
+    which are all 0.
+    """
     moved = [
         argument if axis is None else jnp.moveaxis(argument, axis, 0)
         for argument, axis in zip(arguments, axes, strict=True)

@@ -33,7 +33,8 @@ def visit_selected(
       the index one past the last lane: `visit` should gather with the mode "clip", and write with
       "drop".
 
-    Returns the state after the last group.
+    Lanes are visited in ascending order. Returns the state after the last group, which is `state`
+    if no lane is selected.
     """
     capacity = selected.size + -selected.size % _GROUP
     indices, count = materialized(functools.partial(list_flagged, capacity=capacity))(selected)
