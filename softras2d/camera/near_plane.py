@@ -45,9 +45,11 @@ vertices."""
 def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
     """Clip triangles against the near plane, and keep the parts where z >= 0.
 
-    `vertices` are `[vertices, 4]` in clip space, and `triangles` `[triangles, 3]` vertex indices.
-    A triangle may reach behind the viewer, because edges stay straight across w = 0 in homogeneous
-    coordinates. Each triangle becomes none, one or two triangles, in the same order.
+    `vertices` are `[vertices, 4]` in clip space, where the near plane is z = 0, and `triangles`
+    `[triangles, 3]` vertex indices. A triangle may reach behind the viewer, because edges stay
+    straight across w = 0 in homogeneous coordinates. Each triangle becomes none, one or two
+    triangles, in the same order. Vertices without triangles are dropped. Triangles that share an
+    edge share its new vertex too.
 
     **Source:** Sutherland and Hodgman, *Reentrant polygon clipping* (1974); Blinn and Newell,
     *Clipping using homogeneous coordinates* (1978).

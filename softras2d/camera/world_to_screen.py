@@ -162,7 +162,7 @@ def project(
 
 
 def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
-    """Raise `ValueError` for traced arrays, and for a size that is no positive integer."""
+    """Raise `ValueError` for traced arrays, and for an image size that is no positive integer."""
     if is_traced(arrays):
         raise ValueError("`project` needs concrete values: call it outside jit, vmap and grad.")
     if not all(isinstance(side, int | np.integer) and side >= 1 for side in (height, width)):

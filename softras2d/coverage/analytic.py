@@ -69,7 +69,10 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def value(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Values:
-        """Compute the quantity at each pixel, in 0..1, or a tuple of several such quantities."""
+        """Compute the quantity at each pixel, in 0..1, or a tuple of several such quantities.
+
+        (`x`, `y`) is the centre of the pixel, in pixels from the upper left of the slot's tile.
+        """
 
     @abc.abstractmethod
     def jvp(
@@ -80,7 +83,10 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
         x: PointValues,
         y: PointValues,
     ) -> Values:
-        """Compute the derivative of the value when the corners move with a given `velocity`."""
+        """Compute the derivative of the value when the corners move with a given `velocity`.
+
+        `velocity` is in pixels. The pixel, with its centre (`x`, `y`), and `parameter` stay fixed.
+        """
 
     @abc.abstractmethod
     def vjp(self, geometry: Geometry, parameter: Parameter, cotangent: Array) -> Coordinates:
@@ -94,7 +100,10 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def parameter_derivative(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Compute the derivative of the value by the parameter, at each pixel; 0 by default."""
+        """Compute the derivative of the value by the parameter, at each pixel.
+
+        By default it is 0, for functions that have no parameter.
+        """
         return jnp.zeros((), x.dtype)
 
     def has_zero_derivatives(self, value: Array) -> Bool[Array, "*values slots pixels"]:
@@ -139,9 +148,10 @@ def evaluate(
 
 @functools.partial(evaluate.defjvp, symbolic_zeros=True)
 def _evaluate_jvp(function, primals, tangents):
-    """Compute `evaluate` and its jvp.
+    """Compute the result of `evaluate` and its tangent, as `jax.custom_jvp` asks for.
 
-    The tangent of `geometry` is ignored: the derivative with respect to `corners` includes it.
+    `primals` and `tangents` have `corners`, `geometry` and `parameter`. The tangent of `geometry`
+    is ignored: the derivative with respect to `corners` includes it.
     """
     corners, geometry, parameter = primals
     value = evaluate(function, corners, geometry, parameter)
@@ -166,7 +176,7 @@ def _evaluate_jvp(function, primals, tangents):
 
 @functools.partial(materialized, static_argnames=("function",))
 def _values(function: PixelFunction[Geometry], geometry: Geometry, parameter: Parameter) -> Values:
-    """Evaluate `function.value` at all pixels of each slot's tile."""
+    """Evaluate `function.value` at all pixels of each slot's tile, as arrays `[slots, pixels]`."""
     return function.value(*spread(geometry, parameter, function.tile_side))
 
 
@@ -179,7 +189,9 @@ def _vjp_where_nonzero(
 ) -> Float[Array, "6 slots"]:
     """Compute `PixelFunction.vjp` of all slots, but only evaluate slots where it may not be 0.
 
-    In most slots it is 0, because the triangle is hidden, or covers the whole tile.
+    The other slots get 0. In most slots it is 0, because the triangle is hidden, or covers the
+    whole tile. `value` is the result of `evaluate`, to which `cotangent` belongs. The first axis of
+    the result has x and y of corner 0, then of corners 1 and 2.
     """
     slots = value.shape[-2]
     flags = _may_add_to_vjp(function, value, cotangent)
@@ -203,7 +215,11 @@ def _jvp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Compute `PixelFunction.jvp` of all slots, but only evaluate slots where it may not be 0."""
+    """Compute `PixelFunction.jvp` of all slots, but only evaluate slots where it may not be 0.
+
+    The other slots get 0. `value` is the result of `evaluate`. The first axis of `velocity` has x
+    and y of corner 0, then of corners 1 and 2.
+    """
 
     def visit(
         block: Int[Array, " block"], total: Float[Array, "*values slots pixels"]
@@ -255,7 +271,10 @@ def block_jvp(
 def _gather_pixels(
     values: Float[Array, "*values slots pixels"], block: Array
 ) -> Float[Array, "*values block pixels"]:
-    """Gather the pixel values of a block of slots; `block` holds the indices of the slots."""
+    """Gather the pixel values of a block of slots; `block` holds the indices of the slots.
+
+    An index past the last slot gathers the values of the last slot.
+    """
     return values.at[..., block, :].get(mode="clip")
 
 
@@ -263,7 +282,10 @@ def _gather_pixels(
 def _put_sums(
     total: Float[Array, "6 slots"], sums: Coordinates, block: Array
 ) -> Float[Array, "6 slots"]:
-    """Write the six sums of the slots with the indices `block` into `total`, those of all slots."""
+    """Return `total`, the six sums of all slots, with those of the slots `block` set to `sums`.
+
+    `block` holds indices; those past the last slot are ignored.
+    """
     return total.at[:, block].set(jnp.stack(sums), mode="drop")
 
 
@@ -271,7 +293,10 @@ def _put_sums(
 def _put_pixels(
     total: Float[Array, "*values slots pixels"], change: Values, block: Array
 ) -> Float[Array, "*values slots pixels"]:
-    """Write `change`, the pixel values of the slots `block`, into `total`, those of all slots."""
+    """Return `total`, the pixel values of all slots, with those of `block` set to `change`.
+
+    `block` holds indices of slots; those past the last slot are ignored.
+    """
     return total.at[..., block, :].set(_stack_values(change), mode="drop")
 
 

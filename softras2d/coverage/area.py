@@ -79,7 +79,11 @@ class AreaCoverage(AnalyticCoverage[Outline]):
     def value(
         self, geometry: Outline, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Compute the area as the integral of x dy along the boundary, edge by edge."""
+        """Compute the area of the triangle in each pixel, in square pixels, clamped to 0..1.
+
+        It is the integral of x dy along the boundary, edge by edge. (`x`, `y`) is the centre of the
+        pixel, in pixels from the tile's upper left. `parameter` is not used.
+        """
         total = jnp.zeros_like(x + y)
         for edge in geometry:
             top, bottom, start, end = pixel_row_span(edge, x, y)
@@ -94,7 +98,11 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         x: PointValues,
         y: PointValues,
     ) -> Array:
-        """Compute the change of the area: the area that the moving edges sweep in each pixel."""
+        """Compute the change of the area in each pixel, which is the area that moving edges sweep.
+
+        `velocity` has the velocities of the corners' coordinates. (`x`, `y`) is the centre of the
+        pixel, in pixels from the tile's upper left. `parameter` is not used.
+        """
         total = jnp.zeros_like(x + y)
         for k, edge in enumerate(geometry):
             start, end = normal_speeds(edge, k, velocity)
@@ -114,7 +122,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         return _gradient_of_swept(geometry, swept)
 
     def reach(self, parameter: Parameter) -> Float[Array, ""]:
-        """Half the diagonal of a pixel: a triangle farther from its centre covers none of it."""
+        """Half the diagonal of a pixel, in pixels: a triangle farther from its centre misses it."""
         return jnp.asarray(REACH, jnp.float32)
 
 
@@ -202,9 +210,10 @@ def pixel_row_span(
     """Find where a clipped edge begins and ends within the row of each pixel.
 
     `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns `(top,
-    bottom, start, end)` in pixels from the upper left of the pixel. `top` and `bottom` are y of the
-    two ends of the edge, clamped to 0..1. `start` and `end` are x at these two points, which may be
-    outside the pixel.
+    bottom, start, end)` in pixels from the upper left of the pixel. `top` is y of the edge's start
+    and `bottom` y of its end, both clamped to 0..1; so `top` is the greater one if the edge goes
+    up, and the two are equal if the edge misses the row. `start` and `end` are x of the edge at
+    `top` and at `bottom`, which may be outside the pixel.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
@@ -215,7 +224,10 @@ def pixel_row_span(
 
 
 def _clamped_mean(start: Array, end: Array) -> Array:
-    """Mean of x clamped to 0..1, where x changes linearly from `start` to `end`."""
+    """Mean of x clamped to 0..1, where x changes linearly from `start` to `end`.
+
+    If the two are equal, it is their clamped value.
+    """
     a, b = jnp.clip(start, 0.0, 1.0), jnp.clip(end, 0.0, 1.0)
     extent = end - start
     past_right = jnp.maximum(end, 1.0) - jnp.maximum(start, 1.0)
@@ -256,7 +268,7 @@ def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple
 def _weighted_lengths(
     edge: ClippedEdge, x: PointValues, y: PointValues, weight: PointValues
 ) -> list[Array]:
-    """Multiply the two integrals of `_length_in_pixel` by a weight for each pixel."""
+    """Compute the two integrals of `_length_in_pixel`, each times a weight for each pixel."""
     return [length * weight for length in _length_in_pixel(edge, x, y)]
 
 
@@ -280,7 +292,10 @@ def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Arr
 def passes_tile(
     outline: Outline, side: int
 ) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
-    """Whether each edge, clipped to the rows of the tile, may pass through the tile itself."""
+    """Whether each of the edges 0, 1 and 2 may pass through its slot's tile, by its bounding box.
+
+    `side` is the side of the tile, in pixels. The results are those of `may_pass_tile`.
+    """
     first, second, third = (may_pass_tile(edge, side) for edge in outline)
     return first, second, third
 

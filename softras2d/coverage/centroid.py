@@ -68,10 +68,11 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     def value(
         self, geometry: AreaGeometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """Compute the weights of corners 1 and 2 at the centroid.
+        """Compute the weights of corners 1 and 2 at the centroid of the covered area of each pixel.
 
-        For a thin triangle, whose area is lost in rounding errors, they are blended with the limit
-        of the weights as the triangle collapses to a segment (`segment_weights`).
+        (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. For a thin
+        triangle, whose area is lost in rounding errors, the weights are blended with their limit as
+        the triangle collapses to a segment (`segment_weights`).
         """
         weights = _weights(geometry, _centroid_position(geometry, x, y), x, y)
         outline, lines = geometry
@@ -88,7 +89,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         """Compute the change of the weights of corners 1 and 2 as the corners move.
 
         It has two terms. The area that the moving edges sweep moves the centroid, and the weights
-        change at a fixed point.
+        change at a fixed point. It is 0 in a pixel of which the triangle covers nothing.
         """
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)
@@ -181,8 +182,9 @@ def _centroid_position(
 ) -> tuple[Array, Array]:
     """Compute x and y of the centroid in each pixel, 0..1 from the pixel's upper left.
 
-    The centroid is written to memory before the weights of the corners are computed, because each
-    of the weights needs both coordinates.
+    They are 0.5 in a pixel of which nothing is covered. `x` and `y` are the pixel's centre, in
+    pixels from the tile's upper left. The centroid is written to memory before the weights of the
+    corners are computed, because each of the weights needs both coordinates.
     """
     centroid = _centroid(geometry, x, y)
     return centroid.x, centroid.y
@@ -324,8 +326,9 @@ def _terms_along(
     """Compute two terms for `sum_along_edges`, for one edge of each slot's triangle.
 
     They are the two integrals of `_swept_weight` along the edge, divided by the covered area of the
-    pixel. `inverse_area` is one over this area. `gx` and `gy` are the result of
-    `_weighted_gradient`.
+    pixel. `inverse_area` is one over this area. `x` and `y` are the pixel's centre, in pixels from
+    the tile's upper left; the centroid is counted from the pixel's upper left. `gx` and `gy` are
+    the result of `_weighted_gradient`.
     """
     gradient = gx * inverse_area, gy * inverse_area
     return list(_swept_weight(edge, x, y, (centroid_x, centroid_y), gradient))

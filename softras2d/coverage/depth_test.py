@@ -57,9 +57,12 @@ def keep_nearest(
 ) -> UInt32[Array, "pairs rows"]:
     """Remove the samples that fail the depth test from the coverage words of the listed pairs.
 
+    - `depths`: depth of all triangles.
     - `words`: the coverage words (`sampled`) of each entry of `lists`, which is a pair of a
       triangle and a tile: one word for each row of samples of the tile.
-    - `steps`: the order in which the entries of `lists` are visited.
+    - `steps`: the order in which the entries of `lists` are visited. Each list is visited in draw
+      order. A triangle passes at a sample if it lies no deeper than every triangle that was drawn
+      there before.
 
     Returns words of the same layout. Entries that no step visits get words of 0.
     """
@@ -113,8 +116,9 @@ def _gather_corners(
 ) -> tuple[Weights, Float[Array, "3 block"]]:
     """Gather the barycentric weights and the corner depths of one triangle per tile of a block.
 
-    The weights are functions of the sample (`barycentric.Weights`). `triangle` is the triangle that
-    is visited in each `tile` of the block, and `area` the result of `twice_area` for all triangles.
+    The weights are functions of the sample (`barycentric.Weights`). `triangle` is the index of the
+    triangle that is visited in each `tile` of the block, and `area` the result of `twice_area` for
+    all triangles.
     """
     weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
     return weights, depths.depth[:, triangle]
@@ -190,9 +194,10 @@ def depth_at(
 ) -> Float[Array, "*samples"]:
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
-    `sample` is the column and the row of a sample on the canvas, each an array laid out like
-    `triangle`. The depth of a triangle without area is the mean depth of its corners. With the fill
-    rule "top_left" it has no meaning, as such a triangle covers no sample.
+    `triangle` holds indices of triangles. `sample` is the column and the row of a sample on the
+    canvas, each an array laid out like `triangle`. The depth of a triangle without area is the mean
+    depth of its corners. With the fill rule "top_left" it has no meaning, as such a triangle covers
+    no sample.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]
@@ -223,8 +228,10 @@ def depth_on_edge(
 ) -> Float[Array, "lines runs"]:
     """Depth of a triangle at points of one of its edges, given by fractions `t` (0..1) along it.
 
-    `edge` is 3 times the index of the triangle, plus the number of the edge, 0..2. Lines and runs
-    are those of crossings (`gradients.crossings`): all points of a run are on one edge.
+    `edge` is 3 times the index of the triangle, plus the number of the edge, 0..2, in the triangle
+    reoriented to positive area. t is 0 at the start of the edge. Lines and runs are those of
+    crossings (`gradients.crossings`): a run is a group of points on one edge, and each of its lines
+    is a row or column of samples that the edge crosses.
     """
     return _depth_on_edge(depths.depth, edge, t)
 

@@ -84,6 +84,9 @@ def triangle_lines(
 
     - `corners`: x and y of corner 0, then of corners 1 and 2, in pixels.
     - `tile`: x and y of the upper left of each slot's tile, in pixels.
+
+    A slot is a triangle in a tile. Where the area is not positive, `TriangleLines.has_area` is
+    false.
     """
     points = [(corners[2 * k], corners[2 * k + 1]) for k in range(3)]
     to_tile = [tuple(map(_difference, tile, point)) for point in points]

@@ -41,7 +41,12 @@ class NearestWeights(PixelFunction[TriangleLines]):
     def value(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> tuple[Array, ...]:
-        """Compute the weights of corners 1 and 2, mixed by `TriangleLines.mixing`."""
+        """Compute the weights of corners 1 and 2 at the triangle's point nearest to each pixel.
+
+        (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. In triangles
+        thinner than a few roundings the weights are mixed by `TriangleLines.mixing`. `parameter` is
+        not used.
+        """
         near = nearest_point(geometry, x, y)
         _, second, third = _weights(near, geometry)
         by_first, by_second, by_third = geometry.mixing
@@ -61,7 +66,11 @@ class NearestWeights(PixelFunction[TriangleLines]):
         x: PointValues,
         y: PointValues,
     ) -> tuple[Array, ...]:
-        """Compute the change of the weights of corners 1 and 2, at a fixed pixel."""
+        """Compute the change of the weights of corners 1 and 2, at a fixed pixel, as corners move.
+
+        (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. The change is 0
+        where the nearest point is a corner.
+        """
         near = nearest_point(geometry, x, y)
         weights = _weights(near, geometry)
         mixed = mix_velocity(geometry.mixing, velocity)
@@ -125,7 +134,10 @@ _INSIDE, _AROUND_CORNER = 3, 4
 
 
 def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
-    """Compute the weights of corners 0, 1 and 2 at the nearest point, before mixing."""
+    """Compute the weights of corners 0, 1 and 2 at the triangle's point nearest to a pixel.
+
+    It is the pixel's centre itself if that lies inside. `TriangleLines.mixing` is not applied.
+    """
     # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     opposite = (1, 2, 0)
     within = [

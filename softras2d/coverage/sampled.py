@@ -116,7 +116,7 @@ def coverage_words(
 ) -> UInt32[Array, "*slots rows"]:
     """Compute the coverage words of each slot: all samples of its tile that its triangle covers.
 
-    - `edges`, `bounds`: of all triangles.
+    - `edges`, `bounds`: edge functions and bounding boxes of all triangles.
     - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     - `filled`: whether the slot holds a triangle; otherwise its words are 0.
 
@@ -154,9 +154,10 @@ def triangle_in_tile(
 def rasterize(
     triangles: TriangleInTile, tiling: Tiling
 ) -> UInt32[HostOrDeviceArray, "*slots rows"]:
-    """Compute the coverage words of each slot, with the last axis in `row_order`.
+    """Compute the coverage words of each slot: all samples of its tile that its triangle covers.
 
-    For numpy and jax alike.
+    Words of slots that are not filled are 0. The last axis is in `row_order`. For numpy and jax
+    alike.
     """
     edges, columns, top, bottom = triangles
     xp = columns.__array_namespace__()

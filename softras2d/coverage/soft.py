@@ -41,7 +41,11 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
     def value(
         self, geometry: TriangleLines, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Array:
-        """Evaluate the profile at the signed distance to the triangle."""
+        """Evaluate the profile, in 0..1, at the signed distance from each pixel to the triangle.
+
+        The distance is measured from the centre (`x`, `y`) of the pixel, which is in pixels from
+        the tile's upper left, and is positive inside. `parameter` is the width of the soft edge.
+        """
         return step(self.profile, _signed_distance(nearest_point(geometry, x, y)) / parameter)
 
     def jvp(
@@ -249,6 +253,8 @@ def _growth_rates(
     the change of coverage per pixel of movement along the edge's inward normal (negative inside).
     The second is for a pixel whose nearest point is a corner: the change of coverage per pixel of
     movement from the corner towards the pixel's centre, divided by the distance of the two points.
+    In triangles thinner than a few roundings, the first rate is blended with that of a segment.
+    `width` is the width of the soft edge, in pixels.
     """
     rate = profile_derivative(profile, _signed_distance(near) / width) / width
     distance = _distance(near)

@@ -60,7 +60,10 @@ def tile_side_of(values: Float[Array, "*slots pixels"]) -> int:
 
 @materialized
 def gather_slots(tree: Tree, slots: Int[Array, " block"]) -> Tree:
-    """Gather the entries with the indices `slots` from a tree of arrays `[slots, ...]`."""
+    """Gather the entries with the indices `slots` from a tree of arrays `[slots, ...]`.
+
+    An index past the last slot gathers the entry of the last slot.
+    """
     return jax.tree.map(lambda entry: entry.at[slots].get(mode="clip"), tree)
 
 
@@ -135,7 +138,11 @@ def _add_row(
     parameter: Any,
     by_row: list[Float[Array, "rows columns slots"]],
 ) -> list[Array]:
-    """Add the terms of all pixels in one row of the tile to `sums`, for `sum_over_pixels`."""
+    """Return `sums` plus the terms of all pixels in one row of the tile, for `sum_over_pixels`.
+
+    `terms`, `geometry` and `parameter` are as there. `row` is the index of the row, and `by_row`
+    holds the pixel values.
+    """
     y = row.astype(parameter.dtype) + 0.5
     in_row = [jax.lax.dynamic_index_in_dim(entry, row, keepdims=False) for entry in by_row]
     for column in range(by_row[0].shape[1]):
@@ -197,7 +204,10 @@ def _join_edges(
 
 @materialized
 def _put_each(total: list[Array], sums: tuple[Array, ...], block: Array) -> list[Array]:
-    """Write the sums of the edges with the indices `block` into `total`, the sums of all edges."""
+    """Return `total`, the sums of all edges, with those of the edges `block` set to `sums`.
+
+    `block` holds indices; those past the last edge are ignored.
+    """
     return [a.at[block].set(b, mode="drop") for a, b in zip(total, sums, strict=True)]
 
 
