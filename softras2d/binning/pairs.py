@@ -151,9 +151,10 @@ def _expand_pairs(
     tiling: Tiling,
     expand: Expand,
 ) -> _TouchedTiles:
-    """List one pair for each tile of each strip.
+    """List one pair of a triangle and a tile for each tile of each strip.
 
-    `strip_triangle` holds the index of each strip's triangle.
+    `strip_triangle` holds the index of each strip's triangle. Unused entries get the tile
+    `tiling.count`, one past the last.
     """
     strip, rank, is_used, total = expand(strips.count)
     xp = strip.__array_namespace__()

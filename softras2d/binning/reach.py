@@ -60,7 +60,7 @@ class Line(NamedTuple):
 
 
 Lines = tuple[Line, Line, Line]
-"""The lines of the three edges of each triangle."""
+"""The lines of edges 0, 1 and 2 of each triangle; edge k goes from corner k to the next corner."""
 
 
 class ReachedTriangles(NamedTuple):

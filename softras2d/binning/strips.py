@@ -68,7 +68,7 @@ class RowEdge(NamedTuple):
 
 
 RowEdges = tuple[RowEdge, RowEdge, RowEdge]
-"""The three edges of each strip's triangle."""
+"""The edge functions of edges 0, 1 and 2 of each strip's triangle, in the strip's row of tiles."""
 
 
 def count_strips(bounds: SampleBounds, tiling: Tiling) -> Int[HostOrDeviceArray, " triangles"]:
@@ -107,7 +107,8 @@ def _row_edge(
 ) -> RowEdge:
     """Evaluate one edge in the row of tiles whose first row of samples is `sample_row`.
 
-    `sample_row` counts rows of samples from the top of the canvas.
+    `sample_row` counts rows of samples from the top of the canvas. The result has the unit of
+    `edge`: edge values for an `Edge`, pixels for a `Line`.
     """
     if isinstance(edge, Line):
         return RowEdge(*edge.along(sample_row, tiling.sample_rows))

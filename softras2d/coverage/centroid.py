@@ -212,7 +212,7 @@ def _weights(
 def _weight_gradient(geometry: AreaGeometry, corner: int) -> tuple[Array, Array]:
     """Compute the gradient of a corner's weight: its change per pixel along x and along y.
 
-    Steep gradients are reduced as `_STEEP` says.
+    A gradient whose size g exceeds 64 per pixel (`_STEEP`) is reduced to the size 64^2 / g.
     """
     opposite = geometry.lines.edges[(corner + 1) % 3]
     size = jnp.minimum(

@@ -49,7 +49,7 @@ def first_inside(value: HostOrDeviceArray, step: HostOrDeviceArray) -> HostOrDev
 
 
 def ones_from(bit: HostOrDeviceArray) -> HostOrDeviceArray:
-    """Make words with ones at bits `bit..31`; `bit` is in 0..33."""
+    """Make 32-bit words with ones at bits `bit..31`; `bit` is in 0..33, and 32 and 33 give 0."""
     xp = bit.__array_namespace__()
     return xp.where(bit < 32, xp.uint32(_ONES) << (bit & 31).astype(xp.uint32), xp.uint32(0))
 

@@ -63,7 +63,8 @@ def replace_if_thin(
     """Blend the weights at the centroid with the weights of the segment where triangles are thin.
 
     - `weights`: weights of corners 0, 1 and 2 at the centroid of the covered area of each pixel.
-    - `outline`, `lines`: the edges of each slot's triangle, clipped to its tile, and their lines.
+    - `outline`, `lines`: the edges of each slot's triangle, clipped to the tile's rows, and their
+      lines.
     - `x`, `y`: centres of the pixels, in pixels from the tile's upper left.
     - `tile_side`: side of a tile, in pixels.
 

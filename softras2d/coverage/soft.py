@@ -158,7 +158,7 @@ def nearest_point(lines: TriangleLines, x: PointValues, y: PointValues) -> Neare
     """Find the point of each triangle's boundary that is nearest to the point (`x`, `y`).
 
     `x` and `y` are in pixels from the upper left of the slot's tile. A triangle without area has no
-    inside.
+    inside. Of edges that are equally near, up to roundings, the first is taken.
     """
     best, least, is_inside, distances = None, None, lines.has_area, []
     for k, edge in enumerate(lines.edges):
@@ -212,7 +212,10 @@ def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
 
 
 def is_around_corner(near: NearestPoint) -> Array:
-    """Whether a point lies outside the triangle, and the triangle's nearest point is a corner."""
+    """Whether a point lies outside the triangle, and the triangle's nearest point is a corner.
+
+    It must lie more than `ROUNDING` pixels beyond the end of its nearest edge.
+    """
     return ~near.is_inside & (jnp.abs(near.excess) > ROUNDING)
 
 

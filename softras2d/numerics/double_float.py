@@ -1,8 +1,8 @@
 """Double-float arithmetic, in which a number is a pair of floats, for twice their precision.
 
 The value of a pair (high, low) is the exact sum of its two floats, and `low` is at most half a unit
-in the last place of `high`. Relative errors are about 2^-44 for float32. Written for numpy and jax
-arrays alike.
+in the last place of `high`. Relative errors are about 2^-44 for float32; those of a sum or a
+difference are relative to its larger term. Written for numpy and jax arrays alike.
 
 Products split their factors and would overflow in the split, so everything that multiplies
 (`product_of`, `multiply`, `divide`, `cross`) takes numbers below 2^100 in size.
@@ -26,20 +26,20 @@ Point = tuple[Pair, Pair]
 
 
 def pair_of(x: Any) -> Pair:
-    """Make the pair whose value is exactly the float `x`."""
+    """Make the pair (`x`, 0), whose value is exactly the float `x`."""
     xp = x.__array_namespace__()
     return x, xp.zeros_like(x)
 
 
 def sum_of(a: Any, b: Any) -> Pair:
-    """The exact sum of two floats, of any relative size, as a pair."""
+    """Compute the exact sum of two floats, of any relative size, as a pair (high, low)."""
     high = a + b
     rounded_b = high - a
     return high, (a - (high - rounded_b)) + (b - rounded_b)
 
 
 def product_of(a: Any, b: Any) -> Pair:
-    """The exact product of two floats, as a pair.
+    """Compute the exact product of two floats, as a pair (high, low).
 
     Both factors must be below 2^100 in size: larger ones overflow when they are split.
     """
@@ -50,27 +50,30 @@ def product_of(a: Any, b: Any) -> Pair:
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """The sum of two pairs, to double-float precision."""
+    """Add two numbers, each a pair (high, low) of floats, to double-float precision."""
     high, low = sum_of(a[0], b[0])
     return _normalized(high, low + (a[1] + b[1]))
 
 
 def subtract(a: Pair, b: Pair) -> Pair:
-    """The difference `a` - `b` of two pairs, to double-float precision."""
+    """Subtract `b` from `a`, each a pair (high, low) of floats, to double-float precision."""
     return add(a, (-b[0], -b[1]))
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """The product of two pairs, to double-float precision; both are below 2^100 in size."""
+    """Multiply two numbers, each a pair (high, low) of floats, to double-float precision.
+
+    Both must be below 2^100 in size.
+    """
     high, low = product_of(a[0], b[0])
     return _normalized(high, low + (a[0] * b[1] + a[1] * b[0]))
 
 
 def divide(a: Pair, b: Pair) -> Pair:
-    """The quotient `a` / `b` of two pairs, for a divisor whose `high` is not zero.
+    """Divide `a` by `b`, each a pair (high, low) of floats, to double-float precision.
 
-    Divisor and quotient must be below 2^100 in size, because the remainder is computed from their
-    product.
+    The `high` of `b` must not be zero. Divisor and quotient must be below 2^100 in size, because
+    the remainder is computed from their product.
     """
     high = a[0] / b[0]
     remainder = subtract(a, multiply(pair_of(high), b))
@@ -78,20 +81,20 @@ def divide(a: Pair, b: Pair) -> Pair:
 
 
 def cross(a: Point, b: Point) -> Pair:
-    """The cross product a_x b_y - a_y b_x of two vectors, to double-float precision.
+    """Compute the cross product a_x b_y - a_y b_x of two vectors, to double-float precision.
 
-    Coordinates are below 2^100 in size.
+    Coordinates are pairs (high, low) of floats, below 2^100 in size.
     """
     return subtract(multiply(a[0], b[1]), multiply(a[1], b[0]))
 
 
 def scale(a: Pair, power_of_two: Any) -> Pair:
-    """Multiply a pair by a power of two; the result is exact."""
+    """Multiply a pair (high, low) by a power of two; the result is exact."""
     return a[0] * power_of_two, a[1] * power_of_two
 
 
 def choose(condition: Any, a: Pair, b: Pair) -> Pair:
-    """Select the entries of `a` where the condition is true, else the entries of `b`."""
+    """Select the pairs of `a` where the condition is true, else the pairs of `b`."""
     xp = condition.__array_namespace__()
     return xp.where(condition, a[0], b[0]), xp.where(condition, a[1], b[1])
 
