@@ -49,11 +49,12 @@ class CrossedEdges(NamedTuple):
 
     Lines are rows of samples for steep edges and columns for others (`crossings.Sides.steep`).
 
-    - `sides`: positions of the ends of each edge, in pixels.
+    - `sides`: positions of the ends of each edge, in pixels, and whether the edge is steep.
     - `edges`: the edge functions, which decide exactly which samples are inside.
-    - `vertex`: vertex index of each corner of the reoriented triangles.
-    - `first`, `count`: first line that each edge crosses, and the number of lines, as returned by
-      `crossings.lines_crossed`.
+    - `vertex`: vertex index of each corner. Corners 1 and 2 are exchanged in triangles whose area
+      is negative.
+    - `first`, `count`: for edges 0, 1 and 2 of each triangle, the first line on the canvas that the
+      edge crosses, and the number of lines (`crossings.lines_crossed`).
     """
 
     sides: Sides
@@ -72,8 +73,9 @@ def boundary_term(
 ) -> Float[Array, "height width channels"]:
     """Return an image of zeros whose derivative is the boundary term.
 
-    The derivative is with respect to positions and depth. The arguments are those of
-    `with_boundary_term`.
+    The boundary term is the derivative of the image that is due to moving edges and lines of
+    interpenetration, with respect to `positions` (in pixels) and to `depth` (None for scenes
+    without depth). The arguments are those of `with_boundary_term`, without its `image`.
     """
     grid = shape.tiling.grid
     # The zero depends on the inputs: JAX 0.10 cannot differentiate a batched call of a `custom_jvp`
@@ -200,6 +202,9 @@ def _sweep(
     Crossings are processed in blocks of `_BLOCK` runs (`crossings.Runs`). In an opaque scene, runs
     that nearer triangles hide are removed first. `masks` are the layer masks of a translucent scene
     (`LayerMasks`), None for an opaque one.
+
+    Returns the `Sweep` of the crossings of all runs. Entries without a crossing have a jump of 0,
+    and the pixel one past the last.
     """
     grid, channels = shape.tiling.grid, shape.channels
     block = min(_BLOCK, max(shape.max_runs, 1))

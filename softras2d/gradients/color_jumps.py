@@ -40,8 +40,10 @@ def opaque_jumps(
     """Compute the jump of colour (`Sweep.jump`) at each crossing of an opaque scene.
 
     The jump is the colour of the edge's triangle on the edge, minus the colour that is visible just
-    outside the edge, times `_signed_edge_length`. It is 0 where the edge is not visible; the top of
-    this file says which crossings count.
+    outside the edge, times the signed length of edge that the crossing stands for
+    (`_signed_edge_length`). It is 0 where there is no valid crossing, where the edge is not visible
+    (the top of this file says which crossings count), and where one of the two colours is not known
+    (`SampleColors.are_known`).
     """
     tiling = shape.tiling
     triangle_inside, triangle_outside = (
@@ -102,14 +104,16 @@ def _find_visible(
 ) -> tuple[Bool[Array, "lines runs"], Bool[Array, "lines runs"]]:
     """Decide at which crossings the edge's triangle is visible, and at which its edge is.
 
-    Returns two arrays. The first says whether the edge's triangle is visible at the sample inside.
-    The second says whether the edge is visible: whether the crossing is one of the first two cases
-    at the top of this file. The third case, strips between two triangles, is left to `fill_strips`.
-    Both results are false where there is no valid crossing.
+    Returns two arrays, both false where there is no valid crossing. The first says whether the
+    edge's triangle is visible at the sample inside. The second says whether the edge is visible.
+    This takes two conditions: the edge's triangle is visible at the sample inside, or both samples
+    show the same other triangle or the background; and the edge's triangle lies in front of what is
+    visible at the sample outside. Strips between two triangles are left to `fill_strips`.
 
     - `triangle_inside`, `triangle_outside`: the triangles that are visible at the samples inside
       and outside, -1 for the background.
-    - `depths`: None without depth, where the triangle that is drawn later lies in front.
+    - `depths`: decide which triangle lies in front; of equally deep ones it is the one drawn later.
+      None without depth, where it always is the one drawn later.
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_drawn_later = triangle_inside == triangle, triangle_outside < triangle
@@ -152,8 +156,9 @@ def layered_jumps(
     """Compute the jump of colour (`Sweep.jump`) at each crossing of a translucent scene.
 
     The jump is the change of the colour just outside the edge if the edge's triangle covered this
-    point too, times `_signed_edge_length`. It is 0 where a crossing does not count
-    (`_layered_jump`). `masks` are the layer masks of `samples.passed`.
+    point too, times the signed length of edge that the crossing stands for
+    (`_signed_edge_length`). It is 0 where a crossing does not count (`_layered_jump`). `masks` are
+    the layer masks of `samples.passed`: the triangles that are layers of each sample.
     """
     tiling, depths = shape.tiling, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
@@ -179,7 +184,7 @@ def layered_jumps(
 def _layered_jump(
     crossings: Crossings, gains: EdgeGain, is_known: Bool[Array, "lines runs"], *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` from the `EdgeGain` of each crossing.
+    """Compute `Sweep.jump`: the gain at each crossing (`EdgeGain`) times `_signed_edge_length`.
 
     A crossing counts if the edge's triangle covers the sample inside. It also counts if the
     triangle covers neither sample: then it is thinner than the sample spacing, and visible between

@@ -81,7 +81,10 @@ class Sides(NamedTuple):
 
     @property
     def slope(self) -> Float[Array, "triangles 3"]:
-        """dx/dy of steep edges, dy/dx of others, -1..1; 0 for an edge of no length."""
+        """dx/dy of steep edges, dy/dx of others, -1..1; 0 for an edge of no length.
+
+        It is also 0 where the ends, as floats, contradict `steep`, which the snapped ends decide.
+        """
         # Halved: the difference of two corners may be beyond the greatest float.
         run, rise = self.end / 2 - self.start / 2
         length = jnp.where(self.steep, rise, run)
@@ -96,9 +99,10 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     """Find the first line on the canvas that each edge crosses, and the number of lines.
 
     Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
-    for others, counted from 0. The number is 0 for edges without a boundary term: those of
-    triangles without area, and those with a `GridTriangles.fixed_sign`. Works for NumPy and JAX
-    alike.
+    for others, counted from 0. A line through the upper or left end of an edge is not counted, one
+    through the other end is. The number is 0, and the first line has no meaning, for edges that
+    cross no line, and for edges without a boundary term: those of triangles without area, and those
+    with a `GridTriangles.fixed_sign`. Works for NumPy and JAX alike.
     """
     xp = grid_triangles.x.__array_namespace__()
     steep = is_steep(grid_triangles)
@@ -319,7 +323,10 @@ def _sample_beside(
 def _gap_to_edge(
     run: Run, outside: Sample, line: Int[Array, "lines runs"]
 ) -> Float[Array, "lines runs"]:
-    """Compute `Crossings.gap`: the signed distance from each sample outside to the edge."""
+    """Compute `Crossings.gap`: the signed distance from each sample outside to the edge.
+
+    It is measured along the line, in samples, positive towards greater x or y, clamped to -1..1.
+    """
     # From the edge value: where corners are far away, float positions are several roundings off.
     dtype = run.across_start.dtype
     along = jnp.where(run.steep[None], outside.column, outside.row)

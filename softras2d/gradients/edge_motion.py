@@ -19,7 +19,9 @@ from .crossings import LINES, Sides
 class Sweep(NamedTuple):
     """How the image changes when edges move, for every crossing of an edge with a line of samples.
 
-    - `edge`, `t`, `pixel`: as in `Crossings`.
+    - `edge`: the edge of each run of crossings, as 3 triangle + side.
+    - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
+    - `pixel`: index of the crossing's pixel, row by row; one past the last if it has none.
     - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,
       towards greater x or y; 0 where a crossing does not count.
     """
@@ -36,13 +38,15 @@ def edge_speeds(
 ) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
     """Speeds, in pixels per unit of time, of crossings at the start and at the end of each edge.
 
-    A crossing stays on its line of samples. So its speed at one end of the edge is the velocity of
-    this end along the line, minus the slope of the edge times the velocity of this end across the
-    lines. Returns the speeds at the starts of all edges, then at the ends of all edges, with edges
+    A crossing stays on its line of samples, a row for steep edges and a column for others. So its
+    speed at one end of the edge is the velocity of this end along the line, minus the slope of the
+    edge times the velocity of this end across the lines. It is positive towards greater x or y.
+    Returns the speeds at the starts of all edges, then at the ends of all edges, with edges
     numbered 3 triangle + side.
 
     - `velocity`: velocity of the vertices, in pixels per unit of time.
-    - `vertex`: vertex index of each corner of the reoriented triangles.
+    - `vertex`: vertex index of each corner of the reoriented triangles, in the order of `sides`.
+    - `sides`: the ends of all edges.
     """
     slope = sides.slope
 
@@ -59,7 +63,8 @@ def image_tangent(
 ) -> Float[Array, "height width channels"]:
     """Change of the image per unit of time as edges move, linear in the speeds of crossings.
 
-    `speeds` are as returned by `edge_speeds`.
+    The speed of a crossing is interpolated between the speeds at both ends of its edge. Speed times
+    jump is added to the crossing's pixel. `speeds` are as returned by `edge_speeds`.
     """
     ends = materialized(_gather_speeds)(speeds, sweep.edge)
     speed = materialized(_interpolate)(materialized(_repeat_lines)(ends), sweep.t)

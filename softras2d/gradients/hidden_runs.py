@@ -85,6 +85,9 @@ def may_be_visible(
 ) -> Bool[Array, " runs"]:
     """Whether the edge of each run may be visible at any of its `valid` crossings.
 
+    It is hidden at a crossing if `nearest` is greater than the entry of `farthest_in_row` for the
+    row of samples, within one tile, that contains the sample inside.
+
     - `nearest`: least distance of the triangle of each run's edge (`DistanceRange`).
     - `inside`: as in `Crossings`. This sample suffices: where an edge is visible, the sample shows
       the edge's triangle or, if that is too thin to cover a sample, something behind it.

@@ -37,8 +37,9 @@ def weight_gradients(
 
     The first axis has the derivatives with respect to x and to y, the second has the corners. All
     are 0 for triangles without area. The derivatives of the weights of corners 1 and 2 are clamped
-    to a change of 1 per sample spacing. This takes effect in triangles thinner than the spacing: a
-    sample that such a triangle covers stands for more area than the triangle has.
+    to a change of 1 per sample spacing; those of corner 0 are minus the sum of these two. The clamp
+    takes effect in triangles thinner than the spacing: a sample that such a triangle covers stands
+    for more area than the triangle has.
 
     `planes` are the weights of triangles past the guard band; None if no triangle may be there.
     """
@@ -78,7 +79,8 @@ def attach_interior_term(
     """Return `corners` unchanged, with the interior term as derivative with respect to `positions`.
 
     So colours and texture coordinates that are interpolated from the result change as the triangles
-    move. All inputs are constants in second derivatives.
+    move. Flat colours, which have one corner, do not. All inputs are constants in second
+    derivatives of the term.
 
     - `positions`: in pixels.
     - `vertex`: vertex index of each corner, in the order of `corners`.

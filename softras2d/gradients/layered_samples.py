@@ -44,8 +44,8 @@ def later_is_in_front(
     """Whether, of the layers `other` and `triangle`, the one that is drawn later lies in front.
 
     Both are indices of triangles, which are also their draw order. `depth` is the depth of `other`,
-    and `triangle_depth` the depth of `triangle`. The result is true if either depth is None, in
-    scenes without depth.
+    and `triangle_depth` the depth of `triangle`. The result is true at equal depths, and also if
+    either depth is None, in scenes without depth.
     """
     if depth is None or triangle_depth is None:
         return jnp.ones(other.shape, bool)
