@@ -2,7 +2,8 @@
 
 The bits of a coverage word (`coverage.sampled`) are samples, for one triangle. Transposed, the bits
 of a layer mask are triangles, for one sample: the entries of the tile's list, nearest first. A loop
-over the set bits of a mask visits only the layers of its sample.
+over the set bits of a mask visits only the layers of its sample. A mask has 32 bits, so masks are
+stored in planes: plane p has the masks for entries 32 p to 32 p + 31 of every list.
 """
 
 import functools

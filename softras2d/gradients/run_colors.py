@@ -32,8 +32,9 @@ def colors_of_runs(
 ) -> Float[Array, "channels lines runs"]:
     """Compute the colour of a triangle at each sample of each run: one triangle per tile of a run.
 
-    The triangle need not cover the sample. Colours have straight alpha if `surface.is_flat`; else
-    they are premultiplied. The surface must not have textures.
+    The triangle need not cover the sample. Colours are returned as `surface.corners` has them,
+    usually with straight alpha, if `surface.is_flat`; else they are premultiplied. The surface must
+    not have textures.
 
     - `triangle`: the triangle for the samples in the first and in the second tile of each run.
     - `sample`: the samples, in `tiles`.
@@ -95,9 +96,10 @@ def _weights_of_runs(
 def _interpolate_runs(
     color: Float[Array, "3 channels lanes"], weights: SampleWeights, tiles: RunTiles
 ) -> Float[Array, "channels lines runs"]:
-    """Interpolate the colours of the corners at the samples of runs.
+    """Interpolate the colours of the corners at the samples of runs, without premultiplying them.
 
-    Lanes of `color` are the first tiles of all runs, then the second tiles of all runs.
+    `weights` are the barycentric weights of corners 1 and 2 at the samples. Lanes of `color` are
+    the first tiles of all runs, then the second tiles of all runs.
     """
     runs = color.shape[-1] // 2
     corners = tiles.of_samples(color.reshape(*color.shape[:2], 2, runs))

@@ -2,7 +2,8 @@
 
 A run is a group of successive crossings of one edge (`crossings.Runs`); its samples here are the
 samples outside the edge. The data of a layer are read once for all samples of a run. Only values
-that differ from sample to sample are computed for each sample.
+that differ from sample to sample are computed for each sample. Layers are visited plane by plane: a
+plane has the layer masks for 32 successive entries of every tile's list (`layer_masks`).
 """
 
 from collections.abc import Callable
@@ -52,7 +53,9 @@ def visit_run_layers(
     `mask` contains this bit. For tiles without further layers, the bit is 0 and the triangle has no
     meaning.
 
-    - `mask`: layer mask of each sample in the plane of number `plane` (`LayerMasks`).
+    - `mask`: layer mask of each sample in the plane of number `plane`, whose bit b stands for entry
+      32 `plane` + b of the list of the sample's tile (`LayerMasks`).
+    - `tiles`: the tiles of each run's samples.
     - `listed_triangles`: triangles of the tile lists, as in `TileLists`.
     """
 

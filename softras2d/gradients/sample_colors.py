@@ -27,7 +27,9 @@ from .visible_front import Front, color_at, color_on_edge
 class SampleColors(eqx.Module):
     """Interface: colours of triangles at samples and on edges, as a tree of arrays.
 
-    Runs, crossings and the samples inside and outside an edge are defined in `crossings`.
+    Runs, crossings and the samples inside and outside an edge are defined in `crossings`. Colours
+    have as many channels as the background. Each class that implements the interface says whether
+    they are premultiplied.
 
     - `background`: the colour where no triangle is visible.
     """
@@ -36,7 +38,7 @@ class SampleColors(eqx.Module):
 
     @property
     def is_flat(self) -> bool:
-        """Whether each triangle is known to have one colour; false by default."""
+        """Whether each triangle is known to have one colour at all its points; false by default."""
         return False
 
     @abc.abstractmethod
@@ -82,7 +84,10 @@ class SampleColors(eqx.Module):
 
 
 class SurfaceColors(SampleColors):
-    """The colours of the scene's triangles: straight alpha if `is_flat`, else premultiplied.
+    """The colours of the scene's triangles, shaded from a `Surface`.
+
+    They are premultiplied, except if `is_flat`: then they are as in `surface.corners`, where the
+    scene's colours have straight alpha.
 
     - `background`: the colour where no triangle is visible, with as many channels as the triangles.
     - `surface`: the data of the triangles from which they are shaded.
@@ -101,7 +106,8 @@ class SurfaceColors(SampleColors):
     ) -> Float[Array, "channels lines runs"]:
         """Shade the triangle at the sample, whether it covers the sample or not.
 
-        Where `triangle` is -1, the result is the background.
+        Where `triangle` is -1, the result is the background. Colours are premultiplied unless
+        `is_flat`.
         """
         flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)
@@ -109,14 +115,20 @@ class SurfaceColors(SampleColors):
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Shade triangles at the samples of runs; their data are gathered once per run and tile."""
+        """Shade triangles at the samples of runs, as `SampleColors.of_runs` defines it.
+
+        Without textures, the data of the triangles are gathered once per run and tile.
+        """
         if self.surface.textures is not None:
             # Shading every sample once for each tile of its run would read twice as many texels.
             return super().of_runs(triangle, tiles, sample, tiling)
         return colors_of_runs(self.surface, triangle, tiles, sample, tiling)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Shade the edge's triangle at each crossing, on its edge."""
+        """Shade the edge's triangle at each crossing, on its edge.
+
+        Colours are premultiplied unless `is_flat`.
+        """
         flat = self.is_flat
         return color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=flat)
 
@@ -182,7 +194,7 @@ class LayerColors(SampleColors):
         return self.colors.are_known(shows_inside, shows_outside)
 
     def _to_rgba(self, color: Float[Array, "channels lines runs"]) -> Float[Array, "4 lines runs"]:
-        """Convert what `colors` returned to premultiplied RGBA."""
+        """Convert RGB or RGBA colours that `colors` returned to premultiplied RGBA."""
         if color.shape[0] == 4 and not self.is_straight:
             return color
         return materialized(functools.partial(_to_rgba, is_straight=self.is_straight))(color)

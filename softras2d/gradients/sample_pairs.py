@@ -65,8 +65,9 @@ class PairSearch(eqx.Module):
     """Interface: a search for pairs of samples between which two triangles may interpenetrate.
 
     A slot is a triangle in a tile, with one coverage word for each row of samples of the tile.
-    Callers search blocks of slots, and pass the numbers of the slots of a block as `slot`.
-    Candidates are defined at the top of this file.
+    Callers search blocks of slots, and pass the numbers of the slots of a block as `slot`. A
+    candidate of a slot is a pair of neighbouring samples: the slot's triangle is visible at one of
+    them, and covers the other without being visible there (see the top of this file).
     """
 
     @property
@@ -76,10 +77,11 @@ class PairSearch(eqx.Module):
 
     @abc.abstractmethod
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the candidates of slots: words like coverage words, with a bit per first sample.
+        """Mark the candidates of slots by set bits, in words laid out like coverage words.
 
-        Entry 0 is for pairs whose second sample is to the right of the first, entry 1 for pairs
-        whose second sample is below. Slots past the last have no candidates.
+        The bit of a sample is set if it is the first sample of a candidate. Entry 0 is for pairs
+        whose second sample is to the right of the first, entry 1 for pairs whose second sample is
+        below. Slots past the last have no candidates.
         """
 
     @abc.abstractmethod
@@ -105,7 +107,8 @@ class PairSearch(eqx.Module):
     def color_changes(self, pairs: SamplePairs) -> Float[Array, "channels lanes"]:
         """Change of the colour from the first to the second sample, due to the pair's triangles.
 
-        The result has no meaning in unused lanes.
+        It is the colour with `after` in front minus the colour with `before` in front. It has no
+        meaning in unused lanes.
         """
 
 

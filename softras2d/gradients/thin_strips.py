@@ -62,9 +62,9 @@ def fill_strips(
     """Find the triangle that is visible just outside each edge, and whether the edge is visible.
 
     The triangle is -1 for the background. Where `is_strip` is false, the results are
-    `triangle_outside` and `is_visible` as they were given. Where it is true, every triangle in the
-    list of the tile is tested, and the edge is visible if its triangle lies in front of the one
-    that is found.
+    `triangle_outside` and `is_visible` as they were given. Where it is true, every other triangle
+    in the list of the tile is tested at a point just outside the edge. The nearest one that covers
+    the point is the first result, and the edge is visible if its triangle lies in front of it.
 
     - `triangle_outside`: the triangle that is visible at the sample outside.
     - `is_strip`: as returned by `ends_before_edge`.

@@ -40,7 +40,7 @@ def triangle_at(
 ) -> Int[Array, "*samples"]:
     """The triangle that is visible at each sample, -1 for the background.
 
-    `max_chunks` is as in `slot_at`.
+    `max_chunks` is an upper bound on the number of chunks of a tile, a power of two.
     """
     slot = slot_at(front, sample, tiling, max_chunks=max_chunks)
     return _triangle_of_slot(front.chunks.triangle.reshape(-1), slot)
@@ -184,7 +184,8 @@ def color_at(
     """Colour of a triangle at each sample, or the background where `triangle` is -1.
 
     The triangle need not cover the sample. `flat` says that each triangle of the surface has one
-    colour. If so, alpha is straight; else the colours are premultiplied.
+    colour. If so, colours are returned as `surface.corners` has them, usually with straight alpha;
+    else they are premultiplied.
     """
     valid_triangle = jnp.maximum(triangle, 0)
     if flat:
@@ -250,8 +251,9 @@ def color_on_edge(
     """Colour of each edge's triangle on the edge, at the fraction `t` (0..1) along it.
 
     Edges are numbered 3 triangle + side. `flat` says that each triangle of the surface has one
-    colour. If so, alpha is straight; else the colours are premultiplied. The colour is not taken at
-    a sample, where the colour of a triangle thinner than the sample spacing would be extrapolated.
+    colour. If so, colours are returned as `surface.corners` has them, usually with straight alpha;
+    else they are premultiplied. The colour is not taken at a sample, where the colour of a triangle
+    thinner than the sample spacing would be extrapolated.
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:
