@@ -35,8 +35,13 @@ from .chunks_as_layers import (
 )
 
 Opacities = Float[Array, "chunks slots pixels"]
+"""One number for each slot at each pixel of its tile, such as its opacity: coverage times alpha."""
+
 Colors = Float[Array, "chunks slots 3 #pixels"]
+"""Straight RGB of each slot, at each pixel of its tile or, with one pixel, the same at all."""
+
 Channel = Float[Array, "chunks slots #pixels"]
+"""One channel of `Colors`."""
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
 """Inputs of the derivatives that are not differentiated themselves: the opacity and colours of the
@@ -127,7 +132,9 @@ def _blend_change(
 def blend_channels(opacity: Opacities, channels: list[Channel]) -> list[ChunkPixels]:
     """Composite each chunk separately with "over"; return its premultiplied channels.
 
-    `channels` has one array for each channel of the straight colours of the slots.
+    `channels` has one array for each channel of the straight colours of the slots. Slots are
+    composited nearest first, each weighted by its opacity and the transmittance in front of it
+    within the chunk.
     """
     transmittance = jnp.ones_like(opacity[:, 0])
     sums = [jnp.zeros_like(transmittance)] * len(channels)
@@ -215,7 +222,7 @@ def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -
 
 @materialized
 def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
-    """Composite the slots of each chunk like a channel whose colours are the numbers `color_dots`.
+    """Composite the slots of each chunk, in one channel whose straight values are `color_dots`.
 
     `color_dots` are as returned by `_dot_with_cotangent`.
     """

@@ -24,8 +24,13 @@ Index = Int[Array, ""] | int
 """Number of a chunk in its tile, from 0, or the difference of two such numbers."""
 
 ChunkPixels = Float[Array, "chunks pixels"]
+"""One number for each chunk, such as its alpha, at each pixel of its tile."""
+
 TilePixels = Float[Array, "tiles pixels"]
+"""One number for each pixel of each tile."""
+
 TileColors = Float[Array, "4 tiles pixels"]
+"""Premultiplied RGBA of each pixel of each tile, or its tangent or cotangent."""
 
 _UNROLLED = 16
 """Largest `max_chunks` for which a loop over the chunks of a tile is unrolled."""
@@ -114,6 +119,8 @@ def dot_behind(
     alpha: ChunkPixels, blended: ChunkPixels, chunks: Chunks, max_chunks: int
 ) -> ChunkPixels:
     """Composite all chunks behind each chunk of a tile, in one channel that the caller chooses.
+
+    The result is 0 for the last chunk of a tile.
 
     - `alpha`: alpha of each chunk.
     - `blended`: premultiplied value of each chunk in this channel. For the vjp it is the dot

@@ -37,7 +37,9 @@ def mix(
     """Mix the triangles of each pixel by depth, and return premultiplied RGBA without background.
 
     The straight colour is the mean of the triangles' colours, weighted with opacity times
-    exp(-depth / temperature). Alpha is 1 minus the product of 1 - opacity.
+    exp(-depth / temperature). Alpha is 1 minus the product of 1 - opacity. Where no triangle has an
+    opacity above 0, all four channels are 0. Differentiable with respect to `opacity`, `colors`,
+    `depth` and `temperature`.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
     - `colors`: straight RGB.
@@ -103,8 +105,9 @@ def _divide_by_weight(
 ) -> Float[Array, "4 tiles pixels"]:
     """Compute premultiplied RGBA from the sums of `_sum_weighted` over all chunks of each tile.
 
-    `alpha` is the joint opacity of the triangles of a pixel, and `reference` is as in
-    `_sum_weighted`.
+    The mean colour is the sums of colours divided by the weight, plus `reference`, the colour that
+    `_sum_weighted` subtracted. It is then multiplied by `alpha`, the joint opacity of the triangles
+    of a pixel.
     """
     # The derivative of a quotient divides by the square of the weight, which may underflow. So the
     # numerator and the divisor are first scaled by a constant that makes the divisor nearly 1.

@@ -61,8 +61,12 @@ def composite(
     """Composite slots whose colours are interpolated between corners; nearest first, with "over".
 
     Returns the premultiplied RGBA of each pixel, without background. Differentiable with respect to
-    `opacity`, and to the positions and colours in `colors`. Arguments other than `colors` are as in
-    `analytic_over.composite`.
+    `opacity`, and to the positions and colours in `colors`.
+
+    - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
+    - `colors`: straight RGB of the corners of each slot, and what is needed to interpolate it.
+    - `chunks`: the slots, nearest first in each tile.
+    - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     return _composite(
         max_chunks,

@@ -9,6 +9,9 @@ This file handles triangles with one colour, and those that interpolate colours 
 layer then needs one or three sums over the samples of each pixel. Colours that vary otherwise, such
 as textures, are composited in `over_shaded`.
 
+In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
+the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).
+
 **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
 """
 
@@ -43,6 +46,9 @@ def composite(
     The triangles are those in the lists of the tiles. The background is not included; `to_image`
     adds it and makes the image. Differentiable with respect to the colours of `surface`, which have
     straight alpha. No list may have more than `max_list_length` entries.
+
+    - `surface`, `pairs`: the triangles, and the entries of the tile lists with their samples.
+    - `steps`: the tiles in blocks, with the position of their lists in `pairs`.
     """
     # The blocks of `steps` are cut into smaller ones, in which the tiles keep their order.
     assert BLOCK % TILES == 0
@@ -100,8 +106,8 @@ def _composite_block(
 ) -> Float[Array, "4 width lines"]:
     """Composite at every sample of one block, and sum premultiplied RGBA over each pixel's samples.
 
-    `block` has the tiles of the block and their lists, without the axis of blocks. The arrays of a
-    block are described in `sample_blocks`.
+    `block` has the tiles of the block and their lists, without the axis of blocks. A line of the
+    result is a row of pixels of one tile (`sample_blocks`).
     """
     dtype = surface.corners.color.dtype
     tile, start, count = block

@@ -14,6 +14,9 @@ It cannot recover the transmittances, because those behind an opaque layer are 0
 transmittances are stored for a few tiles at a time, and only for one segment of their lists, so
 that they stay in cache. If lists have several segments, an additional pass from the front first
 stores the transmittances at the start of each segment.
+
+In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
+the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).
 """
 
 import functools
@@ -109,7 +112,8 @@ def color_gradient(
 class _BlockLists(NamedTuple):
     """The lists of one block of tiles, and the data of their entries.
 
-    - `block`: the tiles and their lists, without the axis of blocks.
+    - `surface`, `pairs`: all triangles, and the entries of the lists of all tiles.
+    - `block`: the tiles of the block and their lists, without the axis of blocks.
     """
 
     surface: Surface

@@ -4,6 +4,9 @@ As in `over`, but the colours of each layer are evaluated at every sample, or on
 One scan goes through the steps of all blocks of tiles, one block after another
 (`binning.lists.Steps`). Its number of steps is fixed, as reverse-mode differentiation requires. For
 the backward pass, autodiff stores the transmittances and colours of every step.
+
+In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
+the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).
 """
 
 import functools
@@ -35,7 +38,12 @@ def composite_shaded(
     """Shade and composite the triangles of each tile's list; sum premultiplied RGBA per pixel.
 
     The sums are over the samples of a pixel, without background; `over.to_image` makes the image
-    from them. `shading` is as in `Hard.shading`. Steps beyond the capacity of `steps` are missing.
+    from them. Steps beyond the capacity of `steps` are missing.
+
+    - `surface`, `pairs`: the triangles, and the entries of the tile lists with their samples.
+    - `steps`: the tiles in blocks, and the order in which the entries are visited, front to back.
+    - `shading`: as in `Hard.shading`: `"sample"` shades each sample, `"pixel"` shades a triangle
+      once in each pixel.
     """
     dtype = surface.corners.color.dtype
     rate, height, width = tiling.grid.rate, tiling.height, tiling.width

@@ -127,8 +127,8 @@ def interpolate_at_samples(
 ) -> Float[Array, "*#samples"]:
     """Interpolate values of the corners at each sample of a block.
 
-    `weights` are as in `Layer`. If they are None, `corners` has one corner, whose value is returned
-    for all samples.
+    `weights` are the weights of corners 1 and 2 at each sample. If they are None, `corners` has one
+    corner, whose value is returned, with axes of length 1 that broadcast over the samples.
     """
     if weights is None:
         return corners[0][None, None]
@@ -175,7 +175,11 @@ def _repeat_by_line(
 def _sample_weights(
     surface: Surface, triangle: Int[Array, " block"], tile: Int[Array, " block"], tiling: Tiling
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
-    """Weights of corners 1 and 2 of each tile's triangle, at each sample of a block."""
+    """Weights of corners 1 and 2 of each tile's triangle, at each sample of a block.
+
+    They are the barycentric weights on the screen. `triangle` and `tile` are the triangle and the
+    index of each tile of the block.
+    """
     terms = _line_weights(surface, triangle, tile, tiling)
     return _weights_of_lines(terms, tiling)
 
@@ -202,9 +206,10 @@ def _weights_of_lines(
 def bit_of_samples(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """1 where one sample of each pixel is covered, else 0: the sample in `sub_column` of a sub-row.
+    """Return 1 for each pixel of which one given sample is covered, else 0.
 
-    `words` are the coverage words of this sub-row.
+    `words` are the coverage words of one sub-row, and the sample is the one in column `sub_column`
+    of this sub-row within the pixel.
     """
     position = jnp.arange(tiling.width, dtype=jnp.uint32) * jnp.uint32(tiling.grid.rate)
     position = (position + jnp.uint32(sub_column))[:, None]

@@ -9,10 +9,9 @@ The transmittance in front of the triangle may differ between the two samples. T
 used, because a layer that ends between the samples has a crossing itself. Layers that cover both
 samples are counted once. Layers in front that cover the sample inside alone are visited in the same
 loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
-Otherwise their alpha or depth at the sample inside is not known in this loop. The few crossings
-with such layers are visited again in `layers_inside`, and so are the crossings whose two samples
-lie in different tiles. Layers that cover both samples have the transmittance and the depth of the
-sample outside, whether or not the samples lie in one tile.
+Otherwise, and if the two samples lie in different tiles, the few crossings with such layers are
+visited again in `layers_inside`. Layers that cover both samples have the transmittance and the
+depth of the sample outside, whether or not the samples lie in one tile.
 
 At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
 covers it. A triangle that is drawn later but lies deeper fails the depth test there, so it is not a
@@ -149,7 +148,8 @@ class _SampleFlags(NamedTuple):
 
     - `is_inside_alone`: whether a layer drawn after the edge's triangle covers the sample inside
       alone.
-    - `covers_inside`, `covers_outside`: as in `EdgeGain`.
+    - `covers_inside`, `covers_outside`: as in `EdgeGain`, except that the first is false where the
+      two samples lie in different tiles.
     """
 
     is_inside_alone: Bool[Array, "lines runs"]
@@ -164,10 +164,10 @@ def edge_gains(
     edge_layer: EdgeLayer,
     tiling: Tiling,
 ) -> EdgeGain:
-    """Compute the `EdgeGain` of each crossing.
+    """Compute the colour that each edge's triangle would add at the sample outside (`EdgeGain`).
 
     `masks` are the layer masks of `samples.passed`. Not differentiable, because the number of steps
-    of the loops depends on values.
+    of the loops depends on values. The gain has no meaning where there is no valid crossing.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
     shape = crossings.valid.shape
@@ -279,7 +279,7 @@ def _compare_masks(
 
 @materialized
 def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
-    """Set each flag where the mask of the same fact, in one plane, is not 0."""
+    """Set each flag where the mask of the same fact, in one plane, is not 0; clear none."""
     return _SampleFlags(
         *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
     )
@@ -382,7 +382,7 @@ def _gain(
     color: Float[Array, "4 lines runs"],
     background: Float[Array, " channels"],
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `EdgeGain.gain` from the state after the last layer.
+    """Compute the colour that the edge's triangle adds (`EdgeGain.gain`), from the last `state`.
 
     - `in_front_inside`: transmittance of the layers in front of the edge's triangle at the sample
       inside, except those that are counted in `in_front_of_both`.
