@@ -70,13 +70,17 @@ def composite(
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _composite(max_chunks: int, opacity: Opacities, colors: Colors, chunks: Chunks) -> TileColors:
-    """Compute `composite`, whose derivatives are given by `_composite_jvp`."""
+    """Compute the RGBA that `composite` returns; its derivatives are given by `_composite_jvp`."""
     return join_chunks(_blend_chunks(opacity, colors), alpha_of_chunks(opacity), chunks, max_chunks)
 
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, primals, tangents):
-    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states."""
+    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states.
+
+    `primals` and `tangents` are those of opacity, colours and chunks. Only opacity and colours have
+    tangents, which may be symbolic zeros.
+    """
     opacity, colors, chunks = primals
     sums, alpha = _blend_chunks(opacity, colors), alpha_of_chunks(opacity)
     out = join_chunks(sums, alpha, chunks, max_chunks)
@@ -243,7 +247,8 @@ def _slot_cotangents(
 ) -> Opacities:
     """Compute the cotangent of each slot's opacity; 0 in unused chunks.
 
-    It is T_i (c_i . g - b_i . g) in the symbols at the top of this file.
+    It is T_i (c_i . g - b_i . g), with the transmittance T_i in front of the slot, its RGBA c_i
+    with alpha 1, the composite b_i of all slots behind it, and the cotangent g of the pixel.
 
     - `color_dots`: c_i . g of each slot.
     - `in_front`: transmittance in front of each chunk.

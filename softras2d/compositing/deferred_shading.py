@@ -98,7 +98,8 @@ def _is_visible(
 ) -> Bool[Array, " fragments"]:
     """Decide whether each fragment's triangle is visible at one sample of its pixel.
 
-    - `bits`: as in `Fragments`.
+    - `bits`: a word for each row of samples of the pixel, whose bit i is set if sample i of the row
+      shows the triangle (`Fragments`).
     - `sub_row`, `sub_column`: row and column of the sample in the pixel, from 0, the same for all
       fragments.
     """
@@ -118,7 +119,8 @@ def _times_samples(
 ) -> Float[Array, "channels fragments"]:
     """Multiply the colour of each fragment by the number of its visible samples.
 
-    The result is 0 for 0 samples, even if the colour is NaN. `bits` are as in `Fragments`.
+    The result is 0 for 0 samples, even if the colour is NaN. The set bits of `bits` are the visible
+    samples (`Fragments`).
     """
     number = functools.reduce(operator.add, jax.lax.population_count(bits)).astype(color.dtype)
     return jnp.where((number > 0)[None], color * number[None], 0.0)

@@ -89,7 +89,7 @@ def _composite(
     geometry: Any,
     chunks: Chunks,
 ) -> TileColors:
-    """Compute `composite` from the parts of `CornerColors`.
+    """Compute the RGBA that `composite` returns, from the parts of `CornerColors`.
 
     - `weights`: evaluates the weights of corners 1 and 2 at pixels, from the `geometry`.
     - `positions`: x and y of corners 0, 1 and 2 in turn, in pixels. Only the derivative needs them.

@@ -339,7 +339,8 @@ def uncovered_words(
 ) -> UInt32[Array, "tiles rows"]:
     """Make, for each tile, the words of the samples that no triangle of its chunks covers.
 
-    `covered` is as in `to_image`. Bits past the last sample of a row are set too.
+    `covered` has, for each chunk, the samples that it or a chunk before it in its tile covers. Bits
+    past the last sample of a row are set too.
     """
     last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
     return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))
@@ -362,8 +363,8 @@ def _average(
 ) -> Float[Array, "height width channels"]:
     """Add the background at the uncovered samples of each pixel, and divide by all samples.
 
-    `sums` and `background` are as in `to_image`. `count` is the number of uncovered samples of each
-    pixel, packed.
+    `sums` are the colours of the visible triangles, summed over the samples of each pixel. `count`
+    is the number of uncovered samples of each pixel, packed. `background` is as in `to_image`.
     """
     packing = Packing.of(tiling.grid.rate)
     channels = sums.shape[1]

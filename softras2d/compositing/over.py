@@ -150,7 +150,7 @@ def _add_flat(
     """Add a layer with one colour per triangle to the sums of premultiplied RGBA of each pixel.
 
     `total` is the sum of transmittance times alpha over the samples of each pixel that the layer
-    covers. `line_colors` is as in `Layer`.
+    covers. `line_colors` is the triangle's straight RGBA (`Layer`), of which only RGB is used.
     """
     return sums + total[None] * line_colors[:, 0].at[3].set(1.0)[:, None]
 
@@ -171,7 +171,7 @@ def _add_interpolated(
     - `total`: of transmittance times alpha.
     - `second`, `third`: of transmittance times alpha times the weight of corner 1 or 2.
 
-    `line_colors` is as in `Layer`.
+    `line_colors` is the corners' straight RGBA (`Layer`), of which only RGB is used.
     """
     corners = line_colors.at[3].set(1.0)[:, :, None]
     for k, corner_sum in enumerate((total - second - third, second, third)):

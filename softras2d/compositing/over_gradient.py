@@ -196,7 +196,8 @@ def _add_segment(
 
     - `segment`: number of the segment. Nothing changes if it is negative.
     - `block_list_length`: length of the longest list of the block.
-    - `carry`: the state, and the value behind the segment (R in the symbols of this file).
+    - `carry`: the state, and the value behind the segment at each sample: the composite of all
+      layers behind it, with W in place of colours (R in the symbols of this file).
 
     Returns the state with these gradients, and the value behind the segment in front of this one.
     """
@@ -274,8 +275,9 @@ def _add_behind(
 ) -> Float[Array, "*samples"]:
     """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample.
 
-    R is the value that the top of this file defines. `corner_values` are as returned by
-    `_corner_values`.
+    R is the value that the top of this file defines. Where the layer covers the sample, R_(k-1) is
+    R_k + alpha (W - R_k), with W interpolated from `corner_values` (`_corner_values`); elsewhere it
+    is R_k.
     """
     opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
     return value_behind + opacity * _value_difference(layer, corner_values, value_behind)
@@ -306,9 +308,9 @@ def _sum_alpha_derivatives(
 ) -> Float[Array, "width lines"]:
     """Sum the derivative with respect to a layer's alpha over the samples that the layer covers.
 
-    The result has one sum for each pixel. The derivative at a sample is T_k (W_k - R_k), in the
-    symbols of this file. With `corner` 1 or 2, it is multiplied by the weight of this corner. With
-    0 it is not.
+    The result has one sum for each pixel. The derivative at a sample is `transmittance` times
+    (W - `value_behind`), with W interpolated from `corner_values`. With `corner` 1 or 2, it is
+    multiplied by the weight of this corner. With 0 it is not.
     """
     gains = transmittance * _value_difference(layer, corner_values, value_behind)
     return sum_covered(layer, gains, corner, tiling)
@@ -327,8 +329,8 @@ def _layer_gradient(
     Entries are red, green, blue and alpha of each corner in turn.
 
     - `transmittance`: transmittance in front of the layer.
-    - `corner_values`: as returned by `_corner_values`.
-    - `value_behind`: R_k in the symbols of this file.
+    - `corner_values`: dot product of each corner's colour and the pixel's cotangent.
+    - `value_behind`: composite of all layers behind, with such dot products in place of colours.
     - `cotangent`: cotangent of the sums of RGBA of each pixel.
     """
     corners = range(layer.line_colors.shape[1])

@@ -137,12 +137,13 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump` from the colours on both sides of each edge.
+    """Compute `Sweep.jump`: the difference of the colours on both sides of an edge, times a length.
 
-    The result is the change of a pixel's colour per pixel by which the crossing moves along its
-    line of samples, towards greater x or y. It is 0 where the edge is not visible.
+    The length is `_signed_edge_length`. The result is the change of a pixel's colour per pixel by
+    which the crossing moves along its line of samples, towards greater x or y. It is 0 where the
+    edge is not visible.
 
-    - `outwards`: as in `Crossings`.
+    - `outwards`: 1 if the outside lies at greater x or y than the edge, else -1.
     - `color_inside`: colour of the edge's triangle on the edge.
     - `color_beyond`: colour that is visible just outside the edge.
     """

@@ -239,6 +239,7 @@ def find_crossings(
     """Find the crossings of the runs listed in `runs`, which may be part of the list of all runs.
 
     `sides` and `edges` describe all edges. `first` and `count` are as returned by `lines_crossed`.
+    The result has the samples beside each crossing, its position and its pixel.
     """
     grid = tiling.grid
     run = _gather_runs(sides, edges, first, count, runs, tiling=tiling)

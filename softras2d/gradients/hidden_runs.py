@@ -61,8 +61,8 @@ def farthest_visible_distance(
 
     The bound is the greatest finite number of its type for rows in which the background is visible,
     and in tiles that reach past the right border of the canvas. Entries are ordered by tile, and
-    within a tile like its coverage words (`visible_front.address`). `farthest` is as in
-    `DistanceRange`.
+    within a tile like its coverage words (`visible_front.address`). `farthest` is an upper bound on
+    the distance of each triangle: its depth or, without depth, its negated index (`DistanceRange`).
     """
     chunks = front.chunks
     limits = jnp.finfo if jnp.issubdtype(farthest.dtype, jnp.floating) else jnp.iinfo
@@ -89,8 +89,9 @@ def may_be_visible(
     row of samples, within one tile, that contains the sample inside.
 
     - `nearest`: least distance of the triangle of each run's edge (`DistanceRange`).
-    - `inside`: as in `Crossings`. This sample suffices: where an edge is visible, the sample shows
-      the edge's triangle or, if that is too thin to cover a sample, something behind it.
+    - `inside`: the sample inside, at each crossing. It suffices: where an edge is visible, this
+      sample shows the edge's triangle or, if that is too thin to cover a sample, something behind
+      it.
     - `farthest_in_row`: as returned by `farthest_visible_distance`.
     """
     tile, word_index, _ = address(inside, tiling)

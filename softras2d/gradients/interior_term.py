@@ -51,7 +51,10 @@ def weight_gradients(
 def _clamped_gradients(
     edges: Edges, planes: WeightPlanes | None, *, rate: int, dtype: Any
 ) -> Float[Array, "2 3 triangles"]:
-    """Compute `weight_gradients`; `rate` is the number of samples along a side of a pixel."""
+    """Compute the clamped derivatives of barycentric weights that `weight_gradients` defines.
+
+    `rate` is the number of samples along a side of a pixel.
+    """
     area = twice_area(edges, dtype)
     per_value = safe.divide(jnp.ones_like(area), area)
     steps = [
@@ -123,9 +126,11 @@ def _interior_changes(
 ]:
     """Compute the changes of the colours, `inverse_w` and uv of corners that move with `velocity`.
 
-    `velocity` is in pixels per unit of time, and `gradients` are the `weight_gradients`. The change
-    of a flat colour has no meaning. In a scene without `inverse_w` the change of `inverse_w` is 0,
-    and in a scene without uv the change of uv is None.
+    The changes are per unit of time, and such that an interpolated attribute changes as it should
+    at a fixed point of the screen (see the top of this file). `velocity` is in pixels per unit of
+    time, `vertex` has the vertex index of each corner, and `gradients` are the `weight_gradients`.
+    The change of a flat colour has no meaning. In a scene without `inverse_w` the change of
+    `inverse_w` is 0, and in a scene without uv the change of uv is None.
     """
     corner_velocity = velocity[vertex.T]
     # weight_drift[j, k] = grad w_j . dv_k, for each triangle.
@@ -149,8 +154,9 @@ def _interpolated_change(
 ) -> Float[Array, "corners channels triangles"]:
     """Compute -sum_j (c_j - c_k) weight_drift[j, k] for an attribute c and every corner k.
 
-    `weight_drift[j, k]` is grad w_j . dv_k in the symbols of this file, times q_j / q_k in
-    perspective. A flat attribute, with one corner, is returned unchanged.
+    `value` has the values c_j at the corners. `weight_drift[j, k]` is the gradient of the weight of
+    corner j times the velocity of corner k; in perspective it is also multiplied by q_j / q_k,
+    where q is `inverse_w`. For a flat attribute, with one corner, `value` itself is returned.
     """
     if value.shape[0] == 1:
         return value

@@ -108,10 +108,11 @@ def _corner_depth_changes(
     gradients: Float[Array, "2 3 triangles"],
     depth: Float[Array, "3 triangles"],
 ) -> Float[Array, "3 triangles"]:
-    """Compute dz_k - grad z . dv_k of each corner k, in the symbols of this file.
+    """Compute the values at the corners of the change that `depth_changes` returns.
 
-    The arguments are as in `depth_changes`; `gradients` are the `weight_gradients`, and `depth` is
-    the depth of each corner.
+    It is the change of the corner's depth, minus the gradient of the triangle's depth times the
+    velocity of the corner. The arguments are as in `depth_changes`; `gradients` are the
+    `weight_gradients`, and `depth` is the depth of each corner.
     """
     slope = jnp.sum(gradients * depth[None], 1)
     corner_velocity = velocity[vertex.T]
@@ -208,7 +209,7 @@ def _for_each_exchange(
 
 
 def _depth_planes(depths: Depths, tiling: Tiling) -> _DepthPlanes:
-    """Compute the `_DepthPlanes` of all triangles."""
+    """Compute twice the area of each triangle, and the slope of its depth (`_DepthPlanes`)."""
     dtype = depths.depth.dtype
     area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
     gradients = weight_gradients(depths.edges, depths.planes, tiling.grid, dtype)
@@ -219,14 +220,18 @@ def _depth_planes(depths: Depths, tiling: Tiling) -> _DepthPlanes:
 def _depth_slopes(
     gradients: Float[Array, "2 3 triangles"], depth: Float[Array, "3 triangles"]
 ) -> Float[Array, "2 triangles"]:
-    """Compute `_DepthPlanes.slope` from the `weight_gradients` and the depths of the corners."""
+    """Derivatives by x and y, per pixel, of each triangle's depth (`_DepthPlanes.slope`).
+
+    `gradients` are the `weight_gradients`, and `depth` is the depth of each corner.
+    """
     return jnp.sum(gradients * depth[None], 1)
 
 
 class _LineCrossings(NamedTuple):
     """Where the line of equal depth passes between the two samples of each pair (`SamplePairs`).
 
-    - `before_weights`, `after_weights`, `pixel`: as in `_Exchange`.
+    - `before_weights`, `after_weights`, `pixel`: as in `_Exchange`. The pixel is that of the sample
+      nearer to the line, and one past the last where no line passes.
     - `gap_change`: increase, from the first sample to the second, of the depth of `before` minus
       the depth of `after`; 0 where no line passes.
     """
@@ -293,8 +298,9 @@ def _exchange(
 ) -> _Exchange:
     """Compute the `_Exchange` of each pair; its gain is 0 where no line of equal depth passes.
 
-    `crossings` are those of the same pairs, and `color_changes` are as returned by
-    `PairSearch.color_changes`.
+    The gain is the change of colour from the first to the second sample, divided by the number of
+    samples per pixel and by `gap_change`. `crossings` are those of the same pairs, and
+    `color_changes` are as returned by `PairSearch.color_changes`.
     """
     # A sample stands for an area of 1 / samples of a pixel.
     difference = color_changes / tiling.grid.samples

@@ -106,7 +106,10 @@ def _transpose(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAddress:
-    """Compute the `SampleAddress` of samples, which are given by column and row on the canvas."""
+    """Find the tile, the list and the layer mask of each sample (`SampleAddress`).
+
+    Samples are given by column and row on the canvas.
+    """
     tile, word_index, column = address(sample, tiling)
     tile_rows = masks.masks.shape[2]
     mask_index = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index

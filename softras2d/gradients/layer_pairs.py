@@ -84,9 +84,9 @@ class LayerPairs(PairSearch):
     ) -> tuple[SamplePairs, Int[Array, ""]]:
         """Keep the candidates of which the hiding triangle covers both samples too.
 
-        The hiding triangle is the one that hides the slot's triangle at the sample where the latter
-        fails the depth test (see the top of this file). Arguments and results are as in
-        `PairSearch.pairs`.
+        At one of the samples the slot's triangle fails the depth test. The hiding triangle is, of
+        the triangles that pass there and were drawn before it, the one drawn last. Arguments and
+        results are as in `PairSearch.pairs`.
         """
         tiling, lists = self.tiling, self.samples.lists
         decode = materialized(functools.partial(_decode, tiling=tiling))
@@ -151,6 +151,9 @@ def _mark_changes(
     tiling: Tiling,
 ) -> UInt32[Array, "slots rows"]:
     """Compute `LayerPairs.candidates` for one direction: down if `is_down`, else right.
+
+    A bit is set where the slot's triangle covers the sample and the next one in this direction, and
+    passes the depth test at only one of them.
 
     - `covered`, `passed`: coverage words of all list entries, before and after the depth test.
     - `is_used`: whether each slot is in use.

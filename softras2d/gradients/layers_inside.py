@@ -108,7 +108,11 @@ def _gather_lanes(lanes: InsideLanes, group: Int[Array, " group"]) -> InsideLane
 def _look_inside(
     samples: LayeredSamples, masks: LayerMasks, lanes: InsideLanes, tiling: Tiling
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
-    """Compute the two fields of `InsideState` for the crossings of one group."""
+    """Compute the two fields of `InsideState` for the crossings of one group.
+
+    They are the transmittance of the visited layers in front of the edge's triangle, and whether
+    this triangle is one of the visited layers, which it never is if both samples are in one tile.
+    """
     depths, triangle = samples.depths, lanes.triangle
     # A layer with one colour, in a scene without depth, has the same effect at both samples.
     is_same_at_both = samples.colors.is_flat and depths is None

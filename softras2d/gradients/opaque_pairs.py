@@ -87,7 +87,10 @@ def _candidate_words(
     *,
     tiling: Tiling,
 ) -> UInt32[Array, "2 slots rows"]:
-    """Compute `OpaquePairs.candidates`.
+    """Mark the candidates of slots, as `OpaquePairs.candidates` defines them.
+
+    A bit is set where the slot's triangle is visible at the sample, and covers the next sample, to
+    the right (entry 0) or below (entry 1), without being visible there.
 
     - `visible`: the samples at which each slot's triangle is visible, as in `Front`.
     - `covered`: the samples that the triangle covers, whether it is visible there or not.

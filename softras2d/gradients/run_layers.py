@@ -30,7 +30,7 @@ class ListedEdges(NamedTuple):
 
 
 def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]) -> ListedEdges:
-    """Find the triangle of each run's edge in the lists of both tiles of the run."""
+    """Find where the triangle of each run's edge is in the lists of both tiles, if it is listed."""
     both = jnp.stack([triangle, triangle])
     return ListedEdges(
         *find_in_lists(masks.lists, tiles.tile, both, max_list_length=masks.max_list_length)

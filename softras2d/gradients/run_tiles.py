@@ -42,7 +42,7 @@ def tiles_of_runs(
     """Find the two tiles in which the `valid` samples of each run lie.
 
     `tile` is the tile of each sample, and `list_starts` is `TileLists.start`. Samples that are not
-    valid get an `is_second` of false.
+    valid get an `is_second` of false, and a run without any valid sample gets an arbitrary tile.
     """
     first = jnp.min(jnp.where(valid, tile, list_starts.shape[0] - 1), 0)
     last = jnp.max(jnp.where(valid, tile, 0), 0)

@@ -127,7 +127,9 @@ def decode_group(
 ) -> Candidates:
     """Decode one group of the candidates that are marked as bits of `words`.
 
-    - `words`, `ends`, `group`: as in `PairSearch.pairs`.
+    - `words`: the flattened `PairSearch.candidates` of the slots of a block.
+    - `ends`: number of candidates in each word and all words before it (`count_candidates`).
+    - `group`: number of the group, of `CANDIDATES` candidates each.
     - `slot_tiles`: tile of each slot of the block.
     """
     grid, rows = tiling.grid, tiling.sample_rows

@@ -85,7 +85,8 @@ def _locate_chunks(
 ]:
     """Return the first chunk and number of chunks of each sample's tile, and its word and bit.
 
-    The last two are the sample's coverage word in the tile and its bit in the word (`address`).
+    The last two are the numbers of the sample's coverage word in the tile and of its bit in the
+    word (`address`).
     """
     tile, word_index, bit = address(sample, tiling)
     return gather(chunks.first, tile), gather(chunks.count, tile), word_index, bit
@@ -160,7 +161,11 @@ def gather(values: Shaped[Array, " n"], index: Int[Array, "*samples"]) -> Shaped
 def address(
     sample: Sample, tiling: Tiling
 ) -> tuple[Int[Array, "*samples"], Int[Array, "*samples"], UInt32[Array, "*samples"]]:
-    """Return the tile of each sample, its coverage word in the tile, and its bit in the word."""
+    """Return three numbers for each sample: its tile, its coverage word in the tile, and its bit.
+
+    `sample` is the column and row on the canvas. Coverage words are numbered in
+    `coverage.sampled.row_order`.
+    """
     rate = tiling.grid.rate
     # For unsigned integers, division by a constant is a shift, or a product and a shift.
     column, row = (axis.astype(jnp.uint32) for axis in sample)
