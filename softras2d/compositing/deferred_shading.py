@@ -34,7 +34,8 @@ def sum_shaded(
 ) -> Float[Array, "tiles channels fields word_rows"]:
     """Shade opaque triangles, and sum the visible colours over each pixel's samples.
 
-    The result is in the layout of unpacked arrays (`opaque.Packing`).
+    The result has one sum for each pixel of each tile, in the layout of unpacked arrays
+    (`opaque.Packing`).
 
     - `fragments`: the visible fragments. Each is a pair of a triangle and a pixel that shows it.
     - `covered`: coverage words of the samples that each slot covers, visible or not. They are used

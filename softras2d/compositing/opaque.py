@@ -42,7 +42,7 @@ class Packing(NamedTuple):
 
     @staticmethod
     def of(rate: int) -> "Packing":
-        """Choose the packing for pixels of `rate` x `rate` samples."""
+        """Choose the packing for pixels of `rate` x `rate` samples, `rate` in 1, 2, 3, 4, 8, 16."""
         return {
             1: Packing(1, 1, 32),
             2: Packing(4, 2, 8),
@@ -140,7 +140,11 @@ def _mask(ones: int, period: int) -> UInt32[Array, ""]:
 def unpack(
     packed: UInt32[Array, "*slots word_rows"], tiling: Tiling
 ) -> Int[Array, "*slots fields word_rows"]:
-    """Unpack the number of each pixel from packed words, as described in `Packing`."""
+    """Unpack the number of each pixel from packed words, as described in `Packing`.
+
+    With W words for a row of pixels, entry `[..., f, w * height + r]` of the result is the number
+    of the pixel in column f W + w and row r of the tile.
+    """
     packing = Packing.of(tiling.grid.rate)
     shifts = jnp.arange(packing.fields, dtype=jnp.uint32) * jnp.uint32(packing.bits)
     shifts = shifts.reshape((1,) * (packed.ndim - 1) + (-1, 1))
@@ -154,7 +158,8 @@ def sum_flat(
     """Sum the colours of each pixel's visible samples, over the slots of each chunk.
 
     `sums` has the number of visible samples of each slot, and `colors` one colour for each slot.
-    The result is in the layout of unpacked arrays (`Packing`).
+    The result has one entry for each pixel of the chunk's tile, in the layout of unpacked arrays
+    (`Packing`).
     """
     return _sum_flat(sums.count, colors, tiling)
 
@@ -182,7 +187,8 @@ def sum_interpolated(
     """Sum the interpolated colours of each pixel's visible samples, over the slots of each chunk.
 
     Colour is affine in the sample's position, so the sum needs only the number of samples and the
-    sums of their positions. The result is in the layout of unpacked arrays (`Packing`).
+    sums of their positions. The result has one entry for each pixel of the chunk's tile, in the
+    layout of unpacked arrays (`Packing`).
 
     - `sums`: from `sample_sums` with `moments`.
     - `weights`: numbers from which the corner weights of each slot are computed.
