@@ -3,6 +3,9 @@
 Shapes of one kind are triangulated together, which is much faster than one by one. The index of a
 shape in draw order is called its **draw**. Sorting triangles by draw restores the order between
 kinds.
+
+The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`. Its polygons and
+lines are triangulated by its own rules.
 """
 
 from typing import Any
@@ -32,8 +35,8 @@ class DisplayList:
     - `budget`: limits the work; None for a new one.
     - `line`: line number of the element that is being read, which the dialect sets. It is stored
       with each shape, so that errors of `finish` can name it.
-    - `approximated`: number of the course's polygons that `finish` filled by the nonzero rule
-      instead of the course's ear clipping, because they cross themselves and have too many points.
+    - `approximated`: number of polygons of `add_ears` that cross themselves, and that `finish`
+      filled by the nonzero rule, since they have too many points for the course's ear clipping.
     """
 
     def __init__(self, name: str, budget: Budget | None = None):
@@ -58,10 +61,10 @@ class DisplayList:
         return len(self._shapes)
 
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
-        """Add triangles `[k, 3, 2]` as one shape.
+        """Add triangles `[k, 3, 2]` in pixels as one shape.
 
-        `color` is the colour of all triangles, or the colours `[3, 4]` that all of them have at
-        their corners.
+        `color` is sRGB with straight alpha: the one colour of all triangles, or an array `[3, 4]`,
+        of which row i is the colour of corner i of every triangle.
         """
         self.budget.charge("triangles", len(corners))
         self._triangles.append((self._shapes.add(self.line, color), corners, None))
@@ -74,8 +77,8 @@ class DisplayList:
         - `points`, `uv`: `[n, 2]`, its corners in pixels, and their texture coordinates.
         - `color`: factor of the texture's colours and alpha.
         - `texture`: index in `Assets.textures`.
-        - `translucent`: whether inner edges must avoid samples, since a sample on an edge would be
-          blended twice.
+        - `translucent`: whether the polygon is translucent anywhere. If so, the edges between its
+          triangles are moved away from samples, since a sample on such an edge is blended twice.
         """
         cut = fan_inside if translucent and len(points) > 3 else fan
         triangles = cut(np.concatenate([points, uv], axis=1)[None])[0]
@@ -87,10 +90,13 @@ class DisplayList:
     def add_polygon(
         self, points: np.ndarray | list[np.ndarray], color: Rgba, evenodd: bool = False
     ) -> int:
-        """Add the inside of one closed contour `[n, 2]`, or of several that form one shape.
+        """Add the inside of one closed contour, or of several that form one shape.
 
-        It is filled by the even-odd rule if `evenodd`, and otherwise by the nonzero rule. Returns
-        the index of the shape in draw order.
+        - `points`: vertices `[n, 2]` in pixels of the contour, or a list of such arrays.
+        - `color`: the one colour of the shape, sRGB with straight alpha.
+        - `evenodd`: whether the fill rule is the even-odd rule instead of the nonzero rule.
+
+        Returns the index of the shape in draw order.
         """
         contours = [points] if isinstance(points, np.ndarray) else points
         self.budget.charge("points", sum(map(len, contours)))
@@ -110,10 +116,13 @@ class DisplayList:
         return draw
 
     def add_ears(self, plane: np.ndarray, points: np.ndarray, color: Rgba) -> None:
-        """Add a polygon that the course's ear clipping triangulates.
+        """Add a polygon that `finish` triangulates by the course's ear clipping (`clip_ears`).
 
         - `plane`: `[n, 2]`, float32, its vertices in user units, from which ears are chosen.
-        - `points`: `[n, 2]`, the same vertices in pixels.
+        - `points`: `[n, 2]`, the same vertices in pixels, which become corners of the triangles.
+        - `color`: the one colour of the polygon, sRGB with straight alpha.
+
+        A polygon of too many vertices for ear clipping is filled by the nonzero rule instead.
         """
         self.budget.charge("points", len(points))
         self._ears.append((self._shapes.add(self.line, color), plane, points))
@@ -124,6 +133,7 @@ class DisplayList:
         - `outline`: one chain of segments, or several that form one shape. A translucent shape is
           blended once where its outlines overlap.
         - `map3`: homogeneous map `[3, 3]` from the outline's units to pixels.
+        - `color`: the one colour of the shape, sRGB with straight alpha.
         """
         outlines = [outline] if isinstance(outline, Outline) else outline
         draw = self._shapes.add(self.line, color)
@@ -132,10 +142,11 @@ class DisplayList:
             self._strokes.append((draw, chain, map3))
 
     def add_hairlines(self, segments: np.ndarray, color: Rgba) -> None:
-        """Add lines one pixel wide, by the course's rule, as one shape.
+        """Add lines one pixel wide as one shape; `pixel_lines` says which pixels they cover.
 
-        `segments` is `[k, 4]`: (x0, y0, x1, y1) in pixels. Each line is drawn over the ones before
-        it.
+        `segments` is `[k, 4]`: (x0, y0, x1, y1) in pixels. `color` is the colour of all lines, sRGB
+        with straight alpha. Each line is drawn over the ones before it, so translucent lines are
+        blended twice where they cross.
         """
         self.budget.charge("points", len(segments))
         self._hairlines.append((self._shapes.add(self.line, color), segments))
@@ -144,7 +155,7 @@ class DisplayList:
         """Add rectangles of whole pixels, each as a separate shape.
 
         - `rectangles`: `[k, 4]`, (x0, y0, x1, y1) in pixels, where x1 and y1 are exclusive.
-        - `colors`: `[k, 4]`, one for each rectangle.
+        - `colors`: `[k, 4]`, the colour of each rectangle, sRGB with straight alpha.
         """
         # The number of triangles that `_rectangles` will make.
         self.budget.charge("triangles", int(np.where(colors[:, 3] < 1, 4, 2).sum()))
@@ -155,11 +166,11 @@ class DisplayList:
     def finish(self, height: int, width: int) -> Triangles:
         """Triangulate all shapes; returns their triangles in draw order.
 
-        `height` and `width` are the size of the canvas in pixels. The course's lines are drawn only
-        on the canvas; other shapes are not cut at its border.
+        `height` and `width` are the size of the canvas in pixels. The lines of `add_hairlines` are
+        drawn only on the canvas; other shapes are not cut at its border.
 
-        Raises `ValueError` for coordinates and colours that are not finite in float32, for a stroke
-        that its map sends to infinity, and for work beyond the budget.
+        Adds to `approximated`. Raises `ValueError` for coordinates and colours that are not finite
+        in float32, for a stroke that its map sends to infinity, and for work beyond the budget.
         """
         batches = [
             Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
@@ -178,9 +189,12 @@ class DisplayList:
         return in_draw_order(batches, self._shapes.color_table(), texture)
 
     def _batch(self, draw: np.ndarray, corners: np.ndarray) -> Batch:
-        """A batch of triangles with a single colour per shape, and corners rounded to float32.
+        """Make a batch of triangles without texture that have the colours of their shapes.
 
-        `draw` has the index in draw order of the shape of each triangle.
+        - `draw`: `[t]`, the index in draw order of the shape of each triangle.
+        - `corners`: `[t, 3, 2]` in pixels, which are rounded to float32.
+
+        Raises `SvgError` if a rounded corner is not finite.
         """
         return Batch(draw, self._shapes.float32(corners, draw))
 
@@ -198,7 +212,11 @@ class DisplayList:
         )
 
     def _from_polygons(self) -> Batch | None:
-        """Triangulate the shapes from `add_polygon`; None if there are none."""
+        """Triangulate the shapes from `add_polygon`; None if there are none.
+
+        Raises `SvgError`, with the line of a shape, for coordinates that are not finite in float32
+        and for work beyond the budget.
+        """
         if not self._polygons:
             return None
         draw, contours, evenodd = zip(*self._polygons, strict=True)
@@ -215,7 +233,11 @@ class DisplayList:
         return self._batch(draw[owner], corners)
 
     def _from_regions(self) -> Batch | None:
-        """Triangulate the shapes from `add_region`; None if there are none."""
+        """Triangulate the shapes from `add_region`; None if there are none.
+
+        Paints give each corner its colour and texture coordinates. Raises `SvgError` for values
+        that are not finite in float32, and `BudgetError` for too many triangles.
+        """
         if not self._regions:
             return None
         draw, regions, paints = zip(*self._regions, strict=True)
@@ -240,7 +262,11 @@ class DisplayList:
         return batch._replace(uv=self._shapes.float32(uv, batch.draw, "a texture coordinate"))
 
     def _from_ears(self) -> Batch | None:
-        """Triangulate the shapes from `add_ears`; None if there are none."""
+        """Triangulate the shapes from `add_ears`; None if there are none.
+
+        Polygons that ear clipping skips are filled by the nonzero rule; those of them that cross
+        themselves are counted in `approximated`. Errors are as for `_from_polygons`.
+        """
         if not self._ears:
             return None
         draw, planes, contours = zip(*self._ears, strict=True)
@@ -261,7 +287,11 @@ class DisplayList:
         return self._batch(np.array(draw)[np.concatenate(owners)], np.concatenate(corners))
 
     def _from_strokes(self) -> Batch | None:
-        """Triangulate the shapes from `add_stroke`; None if there are none."""
+        """Triangulate the shapes from `add_stroke`; None if there are none.
+
+        The triangles of a translucent stroke do not overlap; those of an opaque one may. Errors are
+        as for `_mapped`, and `SvgError` is also raised for work beyond the budget.
+        """
         if not self._strokes:
             return None
         draw, outlines, maps = zip(*self._strokes, strict=True)
@@ -317,7 +347,11 @@ class DisplayList:
         return mapped
 
     def _from_hairlines(self, height: int, width: int) -> Batch | None:
-        """Cover the lines from `add_hairlines` with rectangles; None if there are none."""
+        """Make the triangles of the lines from `add_hairlines`; None if there are no lines.
+
+        `height` and `width` are the size of the canvas in pixels; pixels outside it are left out.
+        Errors are as for `_from_polygons`.
+        """
         if not self._hairlines:
             return None
         draw, segments = zip(*self._hairlines, strict=True)
@@ -338,10 +372,13 @@ class DisplayList:
         return self._rectangles(np.concatenate(draw), np.concatenate(rectangles))
 
     def _rectangles(self, draw: np.ndarray, rectangles: np.ndarray) -> Batch:
-        """Divide rectangles `[k, 4]` into two triangles each, or four if they are translucent.
+        """Divide rectangles into two triangles each, or four if they are translucent.
 
-        `draw` `[k]` is the index in draw order of the shape of each rectangle. The docstring of
-        `polygons.py` says why translucent rectangles need more triangles.
+        - `draw`: `[k]`, the index in draw order of the shape of each rectangle.
+        - `rectangles`: `[k, 4]`, (x0, y0, x1, y1) in pixels, where x1 and y1 are exclusive.
+
+        The triangles are in the order of the rectangles. The docstring of `polygons.py` says why
+        translucent rectangles need more triangles.
         """
         x0, y0, x1, y1 = rectangles.astype(np.float64).T
         quads = np.stack([x0, y0, x1, y0, x1, y1, x0, y1], axis=-1).reshape(-1, 4, 2)

@@ -18,10 +18,10 @@ from ...shapes.regions import difference, grown, intersection, is_empty, united
 from .paint import Paint, composite_paints
 
 _GAP = 2.0**-10
-"""Width, in pixels, of the gap that is left between a shape and a cut made by the shape in front.
+"""Width, in pixels, of the gap between a shape in front and what is left of a shape behind it.
 
 Samples often lie exactly on edges, where two cells that share the edge would both be blended. The
-gap is a twentieth of the tolerance of curves.
+gap is about a twentieth of the tolerance of curves, which is 0.02 pixels.
 """
 
 
@@ -43,8 +43,11 @@ class Item(NamedTuple):
 def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], bool]:
     """Divide the items of a group into cells that do not overlap.
 
-    `items` are in draw order, back to front. Returns the cells, and whether the colours of all
-    cells are exact.
+    `items` are in draw order, back to front. Returns the cells, which are items too and have the
+    colours of the composited group, and whether all these colours are exact. Colours may be inexact
+    where a translucent item overlaps another one, if either has a texture or an alpha that varies.
+    Items whose bounding boxes do not meet are returned unchanged. Raises `BudgetError` for work
+    beyond the budget.
     """
     neighbours = _overlapping(items, budget)
     if not any(len(in_front) for in_front in neighbours):
@@ -70,7 +73,8 @@ def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], b
 def _overlapping(items: Sequence[Item], budget: Budget) -> list[np.ndarray]:
     """For each item, the sorted indices of the items in front whose bounding boxes meet its box.
 
-    Items of the same family are left out, since they do not overlap.
+    `items` are in draw order, back to front. Items of the same family (`Item.family`) are left out,
+    since they do not overlap.
     """
     regions = np.array([item.region for item in items], object)
     boxes = shapely.bounds(regions)
@@ -91,8 +95,8 @@ def _without_hidden(
 ) -> list[Item]:
     """Cut from each item what the opaque items in front of it hide.
 
-    `neighbours` is the result of `_overlapping`. Returns one item for each of `items`, whose region
-    may be empty.
+    `neighbours` has, for each item, the indices of the items in front that may overlap it. A gap of
+    `_GAP` is cut away too. Returns one item for each of `items`, whose region may be empty.
     """
     visible = []
     # A stroke of many dashes often lies in front of several pieces of the fill behind it.
@@ -118,10 +122,12 @@ def _blend(
 ) -> tuple[Any, bool]:
     """Blend a translucent item over the cells of one item behind it, where it covers them.
 
-    - `uncovered`: the part of the region of `item` that covers no cell yet.
-    - `cells`: the cells of every item, which this function changes. Overlaps are removed from
-      `cells[behind]`, and appended to `cells[index]` with the blended colours.
-    - `behind`, `index`: indices of the item behind, and of `item` itself.
+    - `uncovered`: the part of the region of `item` that overlaps none of the items behind that were
+      blended before.
+    - `cells`: for each item, a list of its cells, which this function changes. Overlaps, with a gap
+      of `_GAP` around them, are removed from `cells[behind]`. They are appended to `cells[index]`
+      with the blended colours.
+    - `behind`, `index`: indices in `cells` of the item behind, and of `item` itself.
 
     Returns the part of `uncovered` that covers no cell of the item behind either, and whether the
     blended colours are exact.

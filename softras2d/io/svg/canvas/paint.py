@@ -35,11 +35,14 @@ class Paint(NamedTuple):
 
     @property
     def has_constant_alpha(self) -> bool:
-        """Whether alpha is the same everywhere."""
+        """Whether alpha is known to be the same everywhere. False if `has_alpha` is true."""
         return not self.has_alpha and not self.color[3, :2].any()
 
     def with_opacity(self, opacity: float) -> "Paint":
-        """The paint with its alpha multiplied by `opacity`, in 0..1."""
+        """The paint with its alpha multiplied by `opacity`, in 0..1.
+
+        `has_alpha` is not changed.
+        """
         return self._replace(color=self.color * [[1.0], [1.0], [1.0], [opacity]])
 
     def colors_at(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 4"]:
@@ -107,8 +110,8 @@ def composite_paints(
 
     Returns the paint, and whether it is exact everywhere. It is exact if both paints have a
     constant alpha and neither has a texture. If an alpha varies, the result interpolates the exact
-    colours at three of the points. If either paint has a texture, or if the points span no area,
-    the result is `front` alone.
+    colours at three of the points; it is `front` alone if the points span no area. If either paint
+    has a texture, the result is `front` alone too.
     """
     if front.texture >= 0 or back.texture >= 0:
         # A texture has one colour per texel, which no other paint can have.

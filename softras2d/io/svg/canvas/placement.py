@@ -12,7 +12,8 @@ class Placement(NamedTuple):
     """Map, clip and sink with which an element is drawn.
 
     - `map3`: homogeneous map `[3, 3]` from the element's user units to pixels.
-    - `scale`: largest stretch of `map3`, in pixels per unit.
+    - `scale`: largest stretch of `map3`, in pixels per user unit; only an approximation for a map
+      in perspective.
     - `clip`: shapely region in pixels to which shapes are clipped; None for the whole plane.
     - `sink`: receives the shapes: the canvas, or the layer of a group.
     """
@@ -23,7 +24,11 @@ class Placement(NamedTuple):
     sink: Sink
 
     def with_map(self, map3: np.ndarray) -> "Placement":
-        """The placement with another map. Raises `ValueError` if `map3` is not finite."""
+        """The placement with another map, from which its `scale` is computed again.
+
+        `map3` is a homogeneous map `[3, 3]` from user units to pixels. Raises `ValueError` if it is
+        not finite.
+        """
         if map3 is self.map3:
             # Most elements have no transform, and their scale takes a singular value decomposition.
             return self
@@ -35,7 +40,8 @@ class Placement(NamedTuple):
         - `points`: `[n, 2]`, vertices in pixels.
         - `margin`: how far the shape may reach beyond its vertices, in pixels.
 
-        The bounding box is tested, so the result may be True for a shape that is not cut.
+        The bounding box is tested, so the result may be True for a shape that is not cut. It is
+        False if there is no clip.
         """
         if self.clip is None:
             return False
@@ -44,7 +50,10 @@ class Placement(NamedTuple):
 
 
 def make_placement(map3: np.ndarray, clip: Any, sink: Sink) -> Placement:
-    """Make a placement, and compute its `scale`. Raises `ValueError` if `map3` is not finite."""
+    """Make a placement from its map, clip and sink, and compute its `scale`.
+
+    Arguments are as for `Placement`. Raises `ValueError` if `map3` is not finite.
+    """
     if not np.isfinite(map3).all():
         raise ValueError("transform: the numbers are too large to be finite.")
     scale = float(np.linalg.norm(map3[:2, :2], 2) / abs(map3[2, 2] or 1.0))

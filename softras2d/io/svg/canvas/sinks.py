@@ -43,8 +43,9 @@ class Sink(Protocol):
     def add_polygon(
         self, contours: list[np.ndarray], color: Rgba, evenodd: bool, source: int
     ) -> None:
-        """Add the inside of closed contours `[n, 2]`, which form one shape.
+        """Add the inside of closed contours `[n, 2]` in pixels, which form one shape.
 
+        - `color`: the one colour of the shape, sRGB with straight alpha.
         - `evenodd`: whether the shape is filled by the even-odd rule instead of the nonzero rule.
         - `source`: index of the shape in `Painter.sources`, by which its control points are looked
           up; -1 for none.
@@ -54,12 +55,18 @@ class Sink(Protocol):
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Add the strokes of one path.
 
-        `map3` is the homogeneous map `[3, 3]` from the units of the outlines to pixels.
+        - `outlines`: one for each contour or dash of the path. Where they overlap, a translucent
+          stroke is blended once.
+        - `map3`: homogeneous map `[3, 3]` from the units of the outlines to pixels.
+        - `color`: the one colour of all strokes, sRGB with straight alpha.
         """
         ...
 
     def add_triangle(self, corners: np.ndarray, colors: np.ndarray) -> None:
-        """Add a triangle `[3, 2]` with a colour for each corner `[3, 4]`."""
+        """Add a triangle with a colour for each corner.
+
+        `corners` `[3, 2]` are in pixels, and `colors` `[3, 4]` are sRGB with straight alpha.
+        """
         ...
 
     def add_textured(self, textured: Textured) -> None:
@@ -72,7 +79,7 @@ class Sink(Protocol):
 
 
 class Canvas:
-    """The sink that adds every shape to the display list at once.
+    """The sink that adds every shape to the display list as soon as it is received.
 
     `sources` maps the index of a polygon or region in draw order to its index in `Painter.sources`,
     which may be -1. Other shapes are not in it.
@@ -90,7 +97,11 @@ class Canvas:
         self.sources[self._display.add_polygon(points, color, evenodd)] = source
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Draw the strokes of a path; the arguments are as for `Sink.add_strokes`."""
+        """Draw the strokes of a path; the arguments are as for `Sink.add_strokes`.
+
+        Translucent strokes become one shape of the display list, so that overlaps are blended once.
+        Opaque strokes become one shape each.
+        """
         if color[3] < 1 and len(outlines) > 1:
             self._display.add_stroke(outlines, map3, color)
             return
@@ -106,7 +117,7 @@ class Canvas:
         self._display.add_textured(*textured)
 
     def add_items(self, items: list[Item]) -> None:
-        """Draw regions with paints, which must not overlap each other."""
+        """Draw regions with their paints, each as one shape. The regions must not overlap."""
         for item in items:
             self.sources[self._display.add_region(item.region, item.paint)] = item.source
 
@@ -116,7 +127,7 @@ class _Call(NamedTuple):
 
     - `bounds`: bounding box (x0, y0, x1, y1) of the shape in pixels, or a larger one.
     - `replay`: function that adds the shape to a sink, with its alpha multiplied by an opacity.
-    - `items`: function that converts the shape to regions.
+    - `items`: function that converts the shape to regions with paints, with its alpha unchanged.
     - `family`: number, from 1, of the call of `add_items` that the shape comes from; -1 for a shape
       from another method. Shapes from one call of `add_items` do not overlap.
     """
@@ -198,7 +209,7 @@ class Layer:
         )
 
     def add_items(self, items: list[Item]) -> None:
-        """Collect regions with paints, which must not overlap each other."""
+        """Collect regions with their paints. The regions must not overlap each other."""
         self._families += 1
         for item in items:
             item = item._replace(family=self._families)
@@ -240,9 +251,10 @@ class Layer:
         return is_exact
 
     def _is_alone(self) -> np.ndarray:
-        """For each shape, whether its bounding box meets no box of a shape that it may overlap.
+        """For each shape `[shapes]`, whether its bounding box meets that of no other shape.
 
-        Raises `ValueError` for a bounding box that is not finite.
+        Shapes from the same call of `add_items` do not count, since they do not overlap. Raises
+        `ValueError` if one of several bounding boxes is not finite.
         """
         if len(self._calls) == 1:
             return np.ones(1, bool)
@@ -267,7 +279,7 @@ class Layer:
 
 
 def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
-    """The shapely region, in pixels, that the strokes of a path cover.
+    """The shapely region, in pixels, that the strokes of a path cover; it may be empty.
 
     `map3` is the homogeneous map `[3, 3]` from the units of the outlines to pixels. Raises
     `ValueError` for a coordinate that is not finite in float32, and for work beyond the budget.
@@ -295,7 +307,9 @@ def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
 def textured_items(textured: Textured) -> list[Item]:
     """Make an item of a polygon with a texture; returns it in a list.
 
-    Returns an empty list if the first three vertices span no area.
+    The map to texture coordinates is affine. It is computed from the first three vertices, so that
+    the texture coordinates of others do not matter. Returns an empty list if the first three
+    vertices span no area.
     """
     points = textured.points
     matrix = np.column_stack([points[:3], np.ones(3)])
@@ -312,5 +326,5 @@ def _with_opacity(color: Rgba, opacity: float) -> Rgba:
 
 
 def _bounds(points: np.ndarray) -> np.ndarray:
-    """The bounding box (x0, y0, x1, y1) of points `[n, 2]`."""
+    """The bounding box (x0, y0, x1, y1), an array `[4]`, of points `[n, 2]`."""
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
