@@ -154,8 +154,9 @@ class Cascade:
     def _add_rule(self, rule: Any, element: Element) -> None:
         """Add a style rule that tinycss2 has parsed, once for each of its selectors.
 
-        A rule with a selector that is invalid or not supported is noted and left out. `element` is
-        the `<style>` element, which notices name. Raises `ValueError` for too many selectors.
+        A rule with a selector that is invalid or not supported is noted and left out. Selectors
+        with a pseudo-element are left out without a notice. `element` is the `<style>` element,
+        which notices name. Raises `ValueError` for too many selectors.
         """
         important, normal = self._parsed(rule.content, element, "rule")
         selector_text = tinycss2.serialize(rule.prelude).strip()
@@ -176,7 +177,7 @@ class Cascade:
                 self._matcher.add_selector(selector, _Rule(important, normal, cost))
 
     def declarations(self, element: Element) -> Declarations:
-        """The declarations that apply to an element.
+        """The declarations that apply to an element, from style sheets and its own attributes.
 
         Errors in its attribute `style` are noted. Raises `BudgetError` if testing selectors exceeds
         the budget.
@@ -250,9 +251,10 @@ class Cascade:
 
 
 def _append(block: _Block, name: str, values: list[str]) -> None:
-    """Append `values` to the values of the property `name`, and move it to the end of the block.
+    """Append values of the property `name` to a block, and move the property to the block's end.
 
-    At most `_MAX_OUTRANKED + 1` values are stored, those of highest rank.
+    `values` are of higher rank than those in the block, and in order of rank, lowest first. The
+    block is changed. At most `_MAX_OUTRANKED + 1` values are stored, those of highest rank.
     """
     # The name moves to the end of the block, since a shorthand such as `font` and its longhands
     # override each other in this order.
@@ -260,7 +262,10 @@ def _append(block: _Block, name: str, values: list[str]) -> None:
 
 
 def _ranked(blocks: list[_Block], element: Element) -> Declarations:
-    """Merge blocks of declarations, given from the lowest rank to the highest, for an element."""
+    """Merge blocks of declarations that apply to an element, and add the element's attributes.
+
+    `blocks` are given from the lowest rank to the highest.
+    """
     merged: _Block = {}
     for block in blocks:
         for name, values in block.items():
@@ -283,8 +288,8 @@ class _ChargedMatcher(cssselect2.Matcher):
     def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
         """Append to `relevant` those of `selectors` that match an element.
 
-        `cssselect2.Matcher.match` calls this method. Raises `BudgetError` if the tests exceed the
-        budget.
+        `selectors` are tuples, whose last item is a `_Rule`. `cssselect2.Matcher.match` calls this
+        method. Raises `BudgetError`, before any test, if the tests exceed the budget.
         """
         if not selectors:
             return

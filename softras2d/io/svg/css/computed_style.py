@@ -56,9 +56,12 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     """Compute the style of an element from its declarations and the style of its parent.
 
     - `viewport`: sizes to which lengths and percentages are relative.
-    - `note`: called for each invalid declaration, and for each property that is not supported.
+    - `note`: called for each invalid declaration, and for each property that is not supported,
+      unless its value would not change the image anyway.
 
     An invalid declaration has no effect: the declaration of the next lower rank is used instead.
+    Without a valid declaration, a property has its parent's value if it is inherited, and its
+    initial value otherwise.
     """
     # Computed first, since other lengths may depend on it. Invalid declarations of it are noted
     # below.
@@ -96,7 +99,9 @@ _FIELDS = {name.replace("_", "-"): name for name in Style._fields} | {
 def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
     """Whether a declaration changes the image in browsers, but has no effect in this reader.
 
-    `is_css` tells a property in CSS from an attribute, since some properties are no attributes.
+    - `name`, `value`: the property and the text of its value.
+    - `is_css`: whether the declaration is in CSS, rather than an attribute of the element. The
+      properties of `_UNSUPPORTED_IN_CSS` have an effect in CSS alone.
     """
     harmless = UNSUPPORTED.get(name) or (_UNSUPPORTED_IN_CSS.get(name) if is_css else None)
     return harmless is not None and value.strip() not in harmless
@@ -131,6 +136,7 @@ def _value(
     - `viewport`: sizes to which lengths and percentages are relative.
     - `font_size`: font size of the element in user units, to which `em` is relative.
 
+    Keywords such as `inherit` and `initial` give the value of the parent or the initial value.
     Raises `ValueError` for text that is no value of the property.
     """
     text = declaration.text.strip()
@@ -153,7 +159,8 @@ def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewpor
     """The font size of an element, in user units.
 
     The properties `font-size` and `font` both set it, and the one that takes effect later counts.
-    Invalid values have no effect. They are not noted here, since `computed` notes them.
+    Without a valid value of either, it is the parent's font size. Invalid values are not noted
+    here, since `computed` notes them.
     """
     size = parent.font_size
     # The properties in `css` are in the order in which they take effect.

@@ -100,8 +100,9 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
 def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of the conditions of a media query, given their tokens.
 
-    Conditions are features joined by `and` or by `or`, or a feature negated by `not`. Tokens that
-    have no such form give False. `height` and `width` are the size of the canvas in pixels.
+    Conditions are features joined by `and` or by `or`, or a feature negated by `not`. The value is
+    True, False, or None for unknown. Tokens that have no such form give False. `height` and `width`
+    are the size of the canvas in pixels.
     """
     if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
         return _not(_feature(tokens[1], height, width))

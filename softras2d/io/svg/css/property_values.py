@@ -26,7 +26,11 @@ _VECTOR_EFFECTS = (
 
 
 def _paint(text: str, *_: object) -> Paint:
-    """Parse the value of `fill` or `stroke`. Raises `ValueError` for text that is no paint."""
+    """Parse the value of `fill` or `stroke`.
+
+    Returns a colour, `CURRENT` for `currentColor`, None for `none`, or a `PaintServer` for text
+    that begins with `url(...)`. Raises `ValueError` for text that is no paint.
+    """
     if match := _URL.match(text):
         reference = match[1] or match[2] or match[3] or ""
         fallback = text[match.end() :].strip()
@@ -49,7 +53,10 @@ def _solid(text: str) -> Rgba | str | None:
 
 
 def _color(text: str, parent: Style, *_: object) -> Any:
-    """Parse the property `color`, for which `currentColor` is the colour of the parent."""
+    """Parse the property `color`; returns an `Rgba`.
+
+    `currentColor` is the `color` of the parent. Raises `ValueError` for text that is no colour.
+    """
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -68,7 +75,10 @@ def background_color(text: str) -> Any:
 
 
 def _color_or_current(text: str, *_: object) -> Any:
-    """Parse a colour; returns an `Rgba`, or `CURRENT` for `currentColor`."""
+    """Parse a colour; returns an `Rgba`, or `CURRENT` for `currentColor`.
+
+    Raises `ValueError` for any other text.
+    """
     color = color_of(text)
     if color is None:
         raise ValueError("is no colour")
@@ -76,12 +86,18 @@ def _color_or_current(text: str, *_: object) -> Any:
 
 
 def _opacity(text: str, *_: object) -> float:
-    """Parse an opacity; returns it clamped to 0..1."""
+    """Parse an opacity, a number or a percentage; returns it clamped to 0..1.
+
+    Raises `ValueError` for any other text.
+    """
     return fraction(text)
 
 
 def _one_of(*words: str) -> Callable[..., str]:
-    """Make a parser that accepts one of `words` in any case, and returns it in lower case."""
+    """Make a parser that accepts one of `words` in any case, and returns it in lower case.
+
+    `words` are in lower case. The parser raises `ValueError` for any other text.
+    """
 
     def parse(text: str, *_: object) -> str:
         if text.lower() not in words:
@@ -94,7 +110,8 @@ def _one_of(*words: str) -> Callable[..., str]:
 def _words_of(*known: str) -> Callable[..., str]:
     """Make a parser that accepts one or more of the words in `known`, in any case.
 
-    It returns them in lower case, with single blanks between.
+    The parser returns the words in lower case, with single blanks between. It raises `ValueError`
+    for empty text and for other words.
     """
 
     def parse(text: str, *_: object) -> str:
@@ -115,7 +132,11 @@ _display = _words_of(
 
 
 def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
-    """Parse `stroke-width`; returns it in user units. Raises `ValueError` for a negative width."""
+    """Parse `stroke-width`; returns it in user units.
+
+    Percentages are relative to `viewport.diagonal`. Raises `ValueError` for a negative width, and
+    for text that is no length.
+    """
     width = viewport.length(text, viewport.diagonal, font_size)
     if width < 0:
         raise ValueError("must not be negative")
@@ -123,7 +144,7 @@ def _stroke_width(text: str, _: Style, viewport: Viewport, font_size: float) -> 
 
 
 def _miterlimit(text: str, *_: object) -> float:
-    """Parse `stroke-miterlimit`, which must be at least 1."""
+    """Parse `stroke-miterlimit`. Raises `ValueError` unless it is a finite number of at least 1."""
     try:
         limit = finite(text)
     except ValueError:
@@ -134,9 +155,11 @@ def _miterlimit(text: str, *_: object) -> float:
 
 
 def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tuple[float, ...]:
-    """Parse `stroke-dasharray`; returns an even number of lengths in user units.
+    """Parse `stroke-dasharray`; returns the lengths of dashes and gaps in turn, in user units.
 
-    The result is empty for a solid line.
+    An odd number of lengths is repeated once, so the result has an even number. It is empty for a
+    solid line: for `none`, and if all lengths are 0. Percentages are relative to
+    `viewport.diagonal`. Raises `ValueError` for a negative length, and for any other text.
     """
     if text.lower() == "none":
         return ()
@@ -149,12 +172,19 @@ def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tup
 
 
 def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> float:
-    """Parse `stroke-dashoffset`; returns it in user units."""
+    """Parse `stroke-dashoffset`, which may be negative; returns it in user units.
+
+    Percentages are relative to `viewport.diagonal`. Raises `ValueError` for any other text.
+    """
     return viewport.length(text, viewport.diagonal, font_size)
 
 
 def _paint_order(text: str, *_: object) -> tuple[str, ...]:
-    """Parse `paint-order`; returns `"fill"` and `"stroke"` in the order of painting."""
+    """Parse `paint-order`; returns `"fill"` and `"stroke"` in the order of painting.
+
+    The one that the text does not name comes last. `markers` is accepted, but left out. Raises
+    `ValueError` for words that are repeated or not known.
+    """
     words = text.lower().split()
     if words == ["normal"]:
         words = []
@@ -166,19 +196,22 @@ def _paint_order(text: str, *_: object) -> tuple[str, ...]:
 
 
 def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
-    """Parse `font-size`; returns it in user units."""
+    """Parse `font-size`; returns it in user units. Raises `ValueError` for any other text."""
     return font_size_of(text, parent.font_size, viewport)
 
 
 def _clip_path(text: str, *_: object) -> str | None:
-    """The text of `clip-path`; None for `none`."""
+    """Parse `clip-path`: return None for `none`, and any other text unchanged."""
     if text.lower() == "none":
         return None
     return text
 
 
 def reference_of(text: str) -> str | None:
-    """The reference, such as `#id`, in a text that begins with `url(...)`; None for other text."""
+    """The reference, such as `#id`, in a text that begins with `url(...)`, without its quotes.
+
+    Returns None for a text that does not begin like this.
+    """
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
 

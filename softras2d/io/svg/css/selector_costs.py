@@ -67,7 +67,8 @@ def max_tests(cost: Cost, depth: int, siblings: int) -> int:
 
     - `cost`: properties of the selector.
     - `depth`: number of ancestors of the element.
-    - `siblings`: number of siblings of the element and of each ancestor, added up.
+    - `siblings`: number of siblings of the element and of each ancestor, added up. An element
+      counts as a sibling of itself.
     """
     tests = _choices(depth, cost.descendants) * _choices(siblings, cost.later_sibling_combinators)
     if cost.others_look_at_siblings:
@@ -92,10 +93,10 @@ def _choices(among: int, count: int) -> int:
 
 
 def selector_costs(prelude: list[Any]) -> list[Cost] | None:
-    """The cost of each selector in a list, given the tokens of the list.
+    """The cost of each selector in a list separated by commas.
 
-    Returns None if a selector has a pseudo-class that is not supported, or a function inside of a
-    function.
+    `prelude` has the tokens of the list, as tinycss2 makes them. Returns None if a selector has a
+    pseudo-class that is not supported, or a function inside of a function.
     """
     costs, selector = [], []
     for token in [*prelude, None]:
@@ -111,7 +112,10 @@ def selector_costs(prelude: list[Any]) -> list[Cost] | None:
 
 
 def _selector_cost(tokens: list[Any]) -> Cost | None:
-    """The cost of one selector, given its tokens; None for the reasons of `selector_costs`."""
+    """The cost of one selector, given its tokens.
+
+    Returns None for a pseudo-class that is not supported, or a function inside of a function.
+    """
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
     descendants, later_sibling_combinators = _combinators(tokens)

@@ -12,8 +12,9 @@ class PaintServer(NamedTuple):
     """A paint that refers to a gradient or pattern, as in `url(#id) red`.
 
     - `reference`: the text between the parentheses, such as `#id`.
-    - `fallback`: the paint after the reference, which is used if the reference is broken: a colour,
-      `CURRENT` for `currentColor`, or None for `none`. False if no fallback is given.
+    - `fallback`: the paint after the reference, which is used if the reference leads to no gradient
+      that can be applied: a colour, `CURRENT` for `currentColor`, or None for `none`. False if no
+      fallback is given.
     """
 
     reference: str

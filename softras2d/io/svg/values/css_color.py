@@ -43,8 +43,8 @@ def color_of(text: str) -> Rgba | str | None:
     """Parse a CSS colour, and convert it to sRGB with straight alpha.
 
     Channels of colours outside sRGB are clipped to 0..1, except for the function `color(...)`.
-    Returns `CURRENT` for `currentColor`. Returns None for text that is no colour, that is too long,
-    or whose colour space is not supported, such as `display-p3`.
+    Returns `CURRENT` for `currentColor`. Returns None for text that is no colour, that is too long
+    or nested too deeply, or whose colour space is not supported, such as `display-p3`.
     """
     text = text.strip()
     return _parsed(text) if len(text) <= _MAX_LENGTH else None

@@ -1,8 +1,8 @@
 """Parses numbers in attributes: lists, lengths with units, fractions, and the course's numbers.
 
 Functions for standard SVG are strict: text that its grammar does not allow raises `ValueError`.
-Functions for the course stop reading at the first text that does not fit, without an error, as the
-course's program does.
+The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`. Functions for the
+course stop reading at the first text that does not fit, without an error, as its program does.
 """
 
 import math
@@ -85,9 +85,10 @@ def leading_numbers(text: str) -> tuple[list[float], str | None]:
 def number_pairs(text: str) -> list[float]:
     """Parse a list of points as the course does; returns x and y alternately, rounded to float32.
 
-    A point is a number, one separator and a number. Reading stops at text that is no point. Raises
-    `ValueError` for numbers that are not finite in float32, and if NaN or infinity is written
-    anywhere after the last point.
+    A point is a number, one separator and a number. The separator is a blank, or one character
+    other than a digit, sign or point. Reading stops at text that is no point. Raises `ValueError`
+    for numbers that are not finite in float32, and if NaN or infinity is written anywhere after the
+    last point.
     """
     values, position = [], 0
     while match := _PAIR.match(text, position):
@@ -101,8 +102,9 @@ def number_pairs(text: str) -> list[float]:
 def blank_separated(text: str) -> list[float]:
     """Parse numbers with blanks between them as the course does; returns them rounded to float32.
 
-    Reading stops at the first text that is no number. Raises `ValueError` if that text is NaN or
-    infinity, and for numbers that are not finite in float32.
+    Reading stops at the first word that is no number. If the word begins with a number, such as
+    `2px`, this number is the last one of the result. If it does not, and has NaN or infinity in it,
+    `ValueError` is raised. `ValueError` is also raised for numbers that are not finite in float32.
     """
     values = []
     for word in text.split():
@@ -203,6 +205,9 @@ def _infinity_or_nan(text: str) -> str | None:
 
 
 def _excerpt(text: str) -> str:
-    """The first 24 characters of a text, in quotes, for error messages."""
+    """The first 24 characters of a text without blanks around it, in quotes, for error messages.
+
+    Longer texts end in `...`.
+    """
     text = text.strip()
     return repr(text if len(text) <= 24 else text[:24] + "...")

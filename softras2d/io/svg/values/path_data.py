@@ -114,11 +114,11 @@ class PathPen:
         self.path = Path()
 
     def moveTo(self, point: tuple[float, float]) -> None:
-        """Begin a subpath."""
+        """Begin a subpath at `point`."""
         self.path.subpaths.append(Subpath(self.path.add_point(*point)))
 
     def lineTo(self, point: tuple[float, float]) -> None:
-        """Add a line from the current point."""
+        """Add a line from the current point to `point`."""
         self._add(point)
 
     def qCurveTo(self, control: tuple[float, float], end: tuple[float, float]) -> None:
@@ -146,7 +146,8 @@ class PathPen:
         - `rotation`: angle between the x axis and the axis of `rx`, in degrees.
         - `large`, `sweep`: the flags of the path command `A`.
 
-        An arc becomes a line if a radius is zero or if its ends are equal.
+        Radii that are too short to reach both ends are enlarged. An arc becomes a line if a radius
+        is zero or if its ends are equal.
         """
         subpath = self.path.subpaths[-1]
         start = self.path.points[_last(subpath)]
@@ -159,7 +160,8 @@ class PathPen:
     def closePath(self) -> None:
         """Close the subpath.
 
-        If its last segment ends where it starts, start and end become one control point.
+        If the last segment ends at the subpath's start, up to rounding, both points become one
+        control point: the last point is deleted from `path.points`.
         """
         subpath = self.path.subpaths[-1]
         subpath.closed = True
@@ -187,23 +189,29 @@ class PathPen:
         return max(abs(x - start_x), abs(y - start_y)) < _SAME_POINT * largest
 
     def endPath(self) -> None:
-        """Leave the subpath open."""
+        """Leave the subpath open, which needs no action."""
 
     def _add(self, *points: tuple[float, float]) -> None:
-        """Add a segment from the current point, with these further control points."""
+        """Add a line or Bezier curve from the current point, with these further control points.
+
+        The last of `points` is its end.
+        """
         indices = tuple(self.path.add_point(*point) for point in points)
         self.path.subpaths[-1].segments.append(indices)
 
 
 def _last(subpath: Subpath) -> int:
-    """Index of the current point of a subpath."""
+    """Index in `Path.points` of the current point of a subpath: the end of its last segment."""
     if not subpath.segments:
         return subpath.start
     return end_of(subpath.segments[-1])
 
 
 def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
-    """The path of straight lines through `points`. `closed` joins the last point to the first."""
+    """The path of straight lines through `points`, which has no subpath if there are no points.
+
+    `closed` says whether one more line joins the last point to the first.
+    """
     path = Path(points=list(points))
     if points:
         path.subpaths.append(Subpath(0, [(k,) for k in range(1, len(points))], closed))

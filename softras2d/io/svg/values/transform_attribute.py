@@ -1,4 +1,7 @@
-"""Parses the attribute `transform`, by SVG's grammar and by the course's."""
+"""Parses the attribute `transform`, by SVG's grammar and by the course's.
+
+The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`.
+"""
 
 import re
 from collections.abc import Callable
@@ -51,7 +54,7 @@ def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
 
 
 def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.ndarray, "3 3"]:
-    """Parse a transform list as the course does; returns its matrix.
+    """Parse a transform list as the course does; returns its matrix, as for `transform_list`.
 
     Exactly one character is skipped after each `)`. If a function has two blanks before it, its
     name therefore begins with a blank, and is unknown. An unknown function has no effect, and
@@ -82,7 +85,8 @@ def _course_function(name: str, text: str) -> Float64[np.ndarray, "3 3"]:
     - `text`: its arguments, the text between its parentheses.
 
     `matrix` accepts commas between its numbers, the other functions only blanks. Missing numbers
-    are 0, but 1 for `scale`: `scale(2)` stretches x alone.
+    are 0, but 1 for `scale`: `scale(2)` stretches x alone. Raises `ValueError` for `matrix` with
+    fewer than 6 numbers, and for numbers that are not finite in float32.
     """
     numbers = blank_separated(text.replace(",", " ") if name == "matrix" else text)
     if name == "matrix":

@@ -37,17 +37,17 @@ class Viewport(NamedTuple):
         - `full`: length of 100 %, in user units.
         - `font_size`: font size of the element, in user units, for units such as `em` and `ex`.
 
-        No font is loaded: `ex` and `ch` are half of the font size, as *CSS Values 4*,
-        "Font-relative lengths", says, `cap` and `ic` are the font size, and `lh` is 1.2 times the
-        font size. Raises `ValueError` for any other text.
+        A number without a unit is in user units. No font is loaded: `ex` and `ch` are half of the
+        font size, as *CSS Values 4*, "Font-relative lengths", says, `cap` and `ic` are the font
+        size, and `lh` is 1.2 times the font size. Raises `ValueError` for text that is no length.
         """
         return length(text, full, self._relative_units(font_size))
 
     def css_length(self, text: str, full: float, font_size: float) -> float:
         """Parse a length in CSS; returns it in user units.
 
-        Other than in an attribute, a number without a unit raises `ValueError`, unless it is 0. The
-        arguments are as for `length`.
+        The arguments and units are as for `length`. Unlike there, a number without a unit raises
+        `ValueError`, unless it is 0.
         """
         value = self.length(text, full, font_size)
         if value and is_number(text):
@@ -55,7 +55,11 @@ class Viewport(NamedTuple):
         return value
 
     def _relative_units(self, font_size: float) -> dict[str, float]:
-        """Length, in user units, of each unit that is relative to the font or to the page."""
+        """Length, in user units, of each unit that is relative to the font or to the page.
+
+        `font_size` is the font size of the element, in user units. Keys are names of units in lower
+        case.
+        """
         width, height = self.page_width / 100, self.page_height / 100
         root = self.root_font_size
         return {
