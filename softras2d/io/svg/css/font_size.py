@@ -47,8 +47,8 @@ def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
 def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float | None:
     """The font size, in user units, that a value of the shorthand `font` gives.
 
-    `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`,
-    up to a `/`, that is a font size. Numbers other than 0 are skipped: they are weights, since
+    `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`
+    that is a font size before any `/` in it. Numbers other than 0 are skipped: they are weights, as
     sizes have units in CSS. The keywords `inherit` and `unset` give `parent_size`, and the others
     of `_FONTS_WITHOUT_SIZE` give `MEDIUM`. Returns None if the first 16 words have no size, which
     makes the value invalid.

@@ -83,7 +83,8 @@ class ClipPaths:
           to itself is recognized.
 
         Returns None for the whole plane: if no clip path is declared, or if the declaration is
-        invalid.
+        invalid, which is noted. Returns `EMPTY` if the region is relative to a box that is None or
+        has no area.
         """
         if style.clip_path is None:
             return None
@@ -148,7 +149,9 @@ class ClipPaths:
         - `map3`: homogeneous map `[3, 3]` from the user units of the `clipPath` to pixels.
         - `chain`: as in `_declared_region`.
 
-        Returns None for other elements, and for those that are not displayed or have no area.
+        Returns None for other elements, and for those that are not displayed, are not visible or
+        have no area. The region is clipped by the property `clip-path` of the child, and by that of
+        the shape to which a `use` refers.
         """
         page = self._page
         page.budget.charge("copies", 1)

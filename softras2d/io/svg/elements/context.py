@@ -1,6 +1,7 @@
 """Defines the options for reading one document, and the results collected so far.
 
-Both dialects use them.
+Both dialects use them: `svg`, which is standard SVG, and `course`, which is the subset of SVG of a
+rasterizer course.
 """
 
 from collections import Counter
@@ -81,7 +82,10 @@ class Context:
 
 
 def _counts(counter: Counter[str]) -> str:
-    """The names in a counter with their counts as text; at most `MAX_NAMES` names."""
+    """The names in a counter with their counts as text, sorted by name.
+
+    After the first `MAX_NAMES` names, the text says how many more there are.
+    """
     names = [f"{name[:60]} ({count})" for name, count in sorted(counter.items())]
     if len(names) > MAX_NAMES:
         names[MAX_NAMES:] = [f"{len(names) - MAX_NAMES} more"]

@@ -39,17 +39,20 @@ class Units(NamedTuple):
 
 
 def _number(text: str, units: Units) -> float:
-    """Parse a number without a unit."""
+    """Parse a number without a unit; `units` is not used."""
     return finite(text)
 
 
 def _factor(text: str, units: Units) -> float:
-    """Parse a factor: a number or a percentage."""
+    """Parse a factor: a number, or a percentage, of which 100 % is 1. `units` is not used."""
     return finite(text[:-1]) / 100 if text.endswith("%") else finite(text)
 
 
 def _angle(text: str, units: Units) -> float:
-    """Parse an angle; returns it in degrees. An angle other than 0 needs a unit."""
+    """Parse an angle; returns it in degrees. An angle other than 0 needs a unit.
+
+    Raises `ValueError` for any other text. `units` is not used.
+    """
     match = _DIMENSION.match(text)
     if match is None or not match[1]:
         raise ValueError(f"expected an angle, got {text[:24]!r}")
@@ -60,12 +63,18 @@ def _angle(text: str, units: Units) -> float:
 
 
 def _along_x(text: str, units: Units) -> float:
-    """Parse a length along x; percentages are relative to the width of the reference box."""
+    """Parse a length along x; returns it in user units.
+
+    Percentages are relative to the width of the reference box.
+    """
     return units.viewport.css_length(text, units.box.width, units.font_size)
 
 
 def _along_y(text: str, units: Units) -> float:
-    """Parse a length along y; percentages are relative to the height of the reference box."""
+    """Parse a length along y; returns it in user units.
+
+    Percentages are relative to the height of the reference box.
+    """
     return units.viewport.css_length(text, units.box.height, units.font_size)
 
 
@@ -83,7 +92,10 @@ class _Function(NamedTuple):
 
 
 def _skew(x: float, y: float = 0.0) -> ndarray:
-    """The matrix of `skew`, for angles in degrees."""
+    """The matrix of `skew`, for an angle `x` along the x axis and an angle `y` along the y axis.
+
+    Angles are in degrees. A point (u, v) is mapped to (u + v tan(`x`), v + u tan(`y`)).
+    """
     return affine_maps.skew_x(x) + affine_maps.skew_y(y) - affine_maps.identity()
 
 
@@ -105,8 +117,8 @@ _FUNCTIONS = {
 def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `transform`; returns its homogeneous matrix, in user units.
 
-    `units` are the sizes to which lengths are relative. Raises `ValueError` for invalid text, and
-    for functions in three dimensions.
+    `units` are the sizes to which lengths are relative. Empty text and keywords such as `none` give
+    the identity. Raises `ValueError` for invalid text, and for functions in three dimensions.
     """
     product, position = affine_maps.identity(), 0
     text = text.strip()
@@ -123,7 +135,10 @@ def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the CSS property `translate`, with the result and errors of `transform_property`."""
+    """Parse the CSS property `translate`, which has one or two lengths.
+
+    The result and errors are as for `transform_property`.
+    """
     return _property("translate", text, units)
 
 
@@ -139,15 +154,18 @@ def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 
 
 def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
-    """Parse the CSS property `scale`, with the result and errors of `transform_property`."""
+    """Parse the CSS property `scale`, which has one factor for both axes, or one for each.
+
+    The result and errors are as for `transform_property`.
+    """
     return _property("scale", text, units)
 
 
 def _property(name: str, text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse a property whose value is the arguments of a transform function, separated by blanks.
 
-    `name` is the function, in lower case. Returns the matrix of the function; `none` gives the
-    identity.
+    `name` is the function, in lower case. Returns the matrix of the function; `none`, `initial` and
+    `unset` give the identity. Errors are as for `_matrix`.
     """
     if text.strip().lower() in ("none", "initial", "unset"):
         return affine_maps.identity()

@@ -42,7 +42,10 @@ def is_drawable(name: str) -> bool:
 def meets_conditions(element: Element) -> bool:
     """Whether an element may be drawn according to its conditional attributes.
 
-    They are `requiredExtensions` and `systemLanguage` (SVG 2, section 5.6).
+    An element with `requiredExtensions` may not, since no extension is supported. An element with
+    `systemLanguage` may if the list in it has `LANGUAGE` or a variant of it, such as `en-GB`.
+
+    **Source:** SVG 2, section 5.6.
     """
     if "requiredExtensions" in element.attrib:
         return False
@@ -65,9 +68,10 @@ def report_animations(page: Page, element: Element) -> None:
 
 
 def drawn_children_of_switch(element: Element) -> list[Element]:
-    """The child of a `switch` that is drawn, the first whose conditions hold, in a list.
+    """The child of a `switch` that is chosen: the first graphics element whose conditions hold.
 
-    Returns an empty list if there is no such child.
+    It is returned in a list, which is empty if there is no such child. The child may be of a kind
+    that browsers draw but this reader does not, such as `text`.
     """
     for child in element.children:
         if child.name in _GRAPHICS and meets_conditions(child):

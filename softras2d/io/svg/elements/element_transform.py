@@ -74,7 +74,7 @@ def about_origin(
     """The map that applies `map3` about the `transform-origin` of a style, instead of about (0, 0).
 
     `units` are the sizes to which lengths and percentages of the origin are relative. An invalid
-    origin is noted, and the result is then `map3` itself.
+    origin is noted by `report`, and the result is then `map3` itself.
     """
     if style.transform_origin == "0 0":
         return map3

@@ -43,5 +43,8 @@ class InheritedState(NamedTuple):
         return self.instance is not None and self.instance.target is element
 
     def use_of(self, element: Element) -> Element | None:
-        """The innermost `use`, if `element` is its target; None otherwise."""
+        """The innermost `use` that draws the children, if `element` is its target; None otherwise.
+
+        The result is the element `use` itself.
+        """
         return self.instance.use if self.instance and self.is_instance(element) else None

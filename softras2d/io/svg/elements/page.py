@@ -124,7 +124,8 @@ class Page:
         """The style of an element that inherits from its ancestors in the document.
 
         It is used for elements that others refer to, such as gradient stops and clip paths, and for
-        the root.
+        the root. The style of an element is computed once, with the `viewport` of the page at that
+        time, and stored.
         """
         chain = []
         ancestor: Element | None = element
@@ -150,7 +151,9 @@ class Page:
 def cascade_of(
     root: Element, name: str, notices: Notices, budget: Budget, size: tuple[int, int]
 ) -> Cascade:
-    """Parse all `<style>` elements of a document.
+    """Parse all `<style>` elements of a document; returns the style sheets in them.
+
+    Elements with the attribute `FALLBACK`, which are meant for browsers alone, are left out.
 
     - `root`: the root of the document.
     - `name`: name of the document in errors.
@@ -180,8 +183,10 @@ def cascade_of(
 def root_font_size(declared: Declarations, height: float, width: float) -> float:
     """Font size of the root, in px, computed before the size of the document is known.
 
-    Lengths in `vh` and `vw` are relative to `height` and `width`, in px. An invalid font size has
-    no effect, and is not noted here.
+    - `declared`: declarations of the root.
+    - `height`, `width`: size in px to which lengths in `vh` and `vw` are relative.
+
+    Without a valid font size, the result is the initial one. An invalid one is not noted here.
     """
     viewport = Viewport(width, height, width, height)
     return computed(declared, INITIAL, viewport, lambda *_: None).font_size

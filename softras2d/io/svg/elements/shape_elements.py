@@ -57,7 +57,7 @@ class ElementLengths:
     def _css_values(self, name: str) -> list[str]:
         """The texts of the property `name` in CSS, highest rank first.
 
-        Empty if CSS cannot set this attribute of the element.
+        Empty if no style sheet sets the property, or if it does not apply to this element.
         """
         if name not in _GEOMETRY.get(self._element.name, ()):
             return []
@@ -66,9 +66,9 @@ class ElementLengths:
     def read(self, name: str, default: float = 0.0) -> float:
         """A length in user units; `default` if it is missing, invalid, or a keyword such as `auto`.
 
-        Percentages are relative to the viewport's width, height or diagonal, as the name requires:
-        names other than those listed below are relative to the height.
-        An invalid declaration is noted, and the declaration of the next lower rank is read.
+        Percentages are relative to the viewport: to its width for `x`, `x1`, `x2`, `cx`, `width`
+        and `rx`, to its diagonal for `r`, and to its height for all other names. Declarations in
+        CSS outrank the attribute. An invalid one is noted, and that of the next lower rank is read.
         """
         viewport = self._page.viewport
         if name in ("x", "x1", "x2", "cx", "width", "rx"):
@@ -102,7 +102,11 @@ class ElementLengths:
 
 
 def _rect(lengths: ElementLengths) -> Path | None:
-    """The path of a `rect`; None if it has no width or no height."""
+    """The path of a `rect`; None if it has no width or no height.
+
+    A corner radius that is missing or `auto` equals the other one; without both, corners are sharp.
+    Radii are at most half of the sides.
+    """
     width, height = lengths.size("width"), lengths.size("height")
     if width <= 0 or height <= 0:
         return None
@@ -122,7 +126,10 @@ def _circle(lengths: ElementLengths) -> Path | None:
 
 
 def _ellipse(lengths: ElementLengths) -> Path | None:
-    """The path of an `ellipse`; None if it has no area."""
+    """The path of an `ellipse`; None if it has no area.
+
+    A radius that is missing or `auto` equals the radius of the other axis.
+    """
     rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
     # A radius that is missing or `auto` equals the radius of the other axis.
     rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
@@ -132,7 +139,11 @@ def _ellipse(lengths: ElementLengths) -> Path | None:
 
 
 def _line(lengths: ElementLengths) -> Path:
-    """The path of a `line`. Its points are fixed, since the file has no list of them."""
+    """The path of a `line`.
+
+    Its points are in `Path.fixed`: they do not count as control points, since the file does not
+    give them by a list of points.
+    """
     x1, y1, x2, y2 = (lengths.read(name) for name in ("x1", "y1", "x2", "y2"))
     path = polygon_path([(x1, y1), (x2, y2)], False)
     path.fixed = {0, 1}
@@ -140,7 +151,11 @@ def _line(lengths: ElementLengths) -> Path:
 
 
 def _points(lengths: ElementLengths, closed: bool) -> Path:
-    """The path of a `polygon`, which is closed, or of a `polyline`."""
+    """The path of a `polygon`, if `closed` is true, or of a `polyline`.
+
+    It has the points before the first error in the attribute `points`. The error, or an odd number
+    of coordinates, is noted.
+    """
     numbers, error = leading_numbers(lengths.text("points") or "")
     if error is None and len(numbers) % 2:
         error = "has an odd number of coordinates"
@@ -150,7 +165,10 @@ def _points(lengths: ElementLengths, closed: bool) -> Path:
 
 
 def _path(lengths: ElementLengths) -> Path:
-    """The path of a `path`, up to the first error in its path data, which is noted."""
+    """The path of an element `path`, up to the first error in its path data, which is noted.
+
+    Path data may stand in the attribute `d`, or in the CSS property `d` as `path("...")`.
+    """
     text = lengths.text("d") or ""
     if text.strip().startswith("path("):
         text = text.strip()[5:].rstrip(") ").strip("\"' ")

@@ -15,10 +15,12 @@ def instantiate(
     """The state in which a `use` draws its target, and the target.
 
     - `declared`: declarations of the `use`.
-    - `state`: state of the `use` itself. Its `x` and `y` are added to the map in the result.
+    - `state`: state of the `use` itself, with its style and its map to pixels.
 
-    Returns None for a `use` without `href`. It also returns None, and reports a warning, for a
-    reference that is broken or leads back to itself.
+    The map in the result is a translation by `x` and `y` of the `use`, followed by the map of the
+    `use`. Returns None for a `use` without `href`. It also returns None, and the fault is noted,
+    for a reference that is broken, or that leads to an ancestor or to an element of which an
+    instance is being drawn already.
     """
     report = page.report(use)
     href = use.attrib.get("href")

@@ -78,7 +78,8 @@ def bounds_of(
     - `use`: the `use` that draws an instance of `element`; None if it is drawn where it stands.
     - `nesting`: number of bounding boxes whose computation needs this one.
 
-    Returns None for an element without points, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
+    The lengths of `element` are relative to `page.viewport`. Returns None for an element without
+    points or with points that are not finite, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
     are not applied. Every element visited is charged to the budget as a copy, because drawing
     visits it again.
 
@@ -110,7 +111,8 @@ def bounds_of(
 def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Visit]:
     """The visits of the children of a container that are drawn; for a `use`, of its target.
 
-    `nesting` is as for `bounds_of`. Sets `page.viewport` to the viewport of the children.
+    Children whose conditions do not hold or whose `display` is `none` are left out. `nesting` is as
+    for `bounds_of`. Sets `page.viewport` to the viewport of the children.
     """
     element, map3, style, viewport, use, uses = visit
     declared, children = page.declared(element), element.children
@@ -142,9 +144,9 @@ def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Vi
 
 
 def _points(page: Page, visit: _Visit) -> np.ndarray:
-    """Points `[n, 2]` of the outline of a shape, or two corners of an image.
+    """Points `[n, 2]` of the flattened outline of a shape, or two opposite corners of an image.
 
-    They are in the user units of the visited element.
+    They are in the user units of the visited element. A shape that is not drawn has none.
     """
     element = visit.element
     lengths = ElementLengths(page, element, page.declared(element), visit.style)

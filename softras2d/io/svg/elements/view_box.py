@@ -1,4 +1,8 @@
-"""Computes the size of a drawing, and the map from its user units to the pixels of a canvas."""
+"""Computes the size of a drawing, and the map from its user units to the pixels of a canvas.
+
+The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`, which has its own
+rules for both.
+"""
 
 import math
 from collections.abc import Callable
@@ -128,14 +132,17 @@ def _side(
 
 
 def round_up(size: tuple[float, float]) -> tuple[int, int]:
-    """Round a (height, width) up to whole pixels, at least 1 each."""
+    """Round a (height, width) up to whole pixels, at least 1 each.
+
+    Less than 1e-6 above a whole number is rounded down.
+    """
     # Units such as mm give sizes that exceed a whole number by a rounding error.
     height, width = (max(1, math.ceil(min(side, 1e15) - 1e-6)) for side in size)
     return height, width
 
 
 def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.ndarray, "3 3"]:
-    """The map from a viewBox to a viewport whose top left corner is at (0, 0).
+    """The homogeneous map from a viewBox to a viewport whose top left corner is at (0, 0).
 
     - `box`: the viewBox, with positive sides.
     - `height`, `width`: size of the viewport, in the units to which the map leads.
@@ -168,8 +175,9 @@ def course_view(size: tuple[float, float], height: int, width: int) -> Float64[n
     """The course's map from a drawing of (height, width) `size` to a canvas of `height` x `width`.
 
     The result is a homogeneous map `[3, 3]` from user units to pixels. It keeps the aspect ratio
-    and centres the drawing, with a margin of a tenth of its longer side at both ends of that side.
-    It is computed from the course's two matrices, so that float64 rounds in the same way.
+    and centres the drawing. The longer side of the drawing, with a margin of a tenth of it at both
+    ends, becomes as long as the shorter side of the canvas. The map is computed from the course's
+    two matrices, so that float64 rounds in the same way.
     """
     svg_height, svg_width = size
     span = 0.6 * max(svg_width, svg_height)

@@ -37,7 +37,11 @@ class RootViewport(NamedTuple):
 
 
 def root_viewport(page: Page) -> RootViewport:
-    """Fit the viewBox of the root into the canvas, or use the map that the caller gave."""
+    """Fit the viewBox of the root into the canvas, or use the map that the caller gave.
+
+    The caller's map is `page.context.transform`. Faults of the root's attributes are noted. Sets
+    `page.viewport` to the size of the document.
+    """
     context, root = page.context, page.root
     canvas, box = (float(context.height), float(context.width)), None
     declared = page.declared(root)
@@ -72,7 +76,8 @@ def _root_transform(page: Page, declared: Declarations, height: float, width: fl
 
     `height` and `width` are the document's size in px. Unlike the transforms of other elements, the
     root's is applied to the drawing after the map of its viewBox. By default it is about the
-    centre, like the transform of a CSS box.
+    centre, like the transform of a CSS box. Without a transform, the result is the identity. Sets
+    `page.viewport` to the size of the document.
 
     **Source:** SVG 2, section 8.4 and appendix *User agent style sheet*.
     """
@@ -108,6 +113,8 @@ def nested_viewport(
     - `use`: the `use` that draws the instance, whose `width` and `height` replace the element's;
       None for an `svg` that is drawn where it stands.
 
+    The element's own lengths are relative to `page.viewport`, whose size replaces a missing `width`
+    or `height`.
     Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
 
     **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
@@ -173,8 +180,11 @@ def _view_box(page: Page, element: Element) -> Box | None:
 def _fitted(page: Page, element: Element, box: Box, height: float, width: float) -> np.ndarray:
     """The map from a viewBox to a viewport of this size, by the element's `preserveAspectRatio`.
 
-    An invalid `preserveAspectRatio` is noted, and counts as the default. For the root, the caller's
-    `fit` replaces it.
+    - `box`: the viewBox, with positive sides.
+    - `height`, `width`: size of the viewport, in the units to which the map leads.
+
+    An invalid `preserveAspectRatio` is noted, and counts as the default. For the root,
+    `page.context.fit` replaces it, unless it is None.
     """
     aspect = element.attrib.get("preserveAspectRatio", "")
     if element is page.root and page.context.fit is not None:

@@ -52,7 +52,10 @@ def draw_extension(
 
 
 def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: float) -> None:
-    """Draw a `colortri`, with a colour for each corner, or a `textri`, with a texture."""
+    """Draw a `colortri`, with a colour for each corner, or a `textri`, with a texture.
+
+    `opacity` is a factor of the alpha, in 0..1. Raises `ValueError` for an invalid attribute.
+    """
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
     corners = affine_maps.apply(placement.map3, points)
@@ -78,7 +81,12 @@ def _draw_image(
     placement: Placement,
     opacity: float,
 ) -> None:
-    """Draw an `image` as a rectangle with a texture (SVG 2, section 12.3)."""
+    """Draw an `image` as a rectangle with a texture (SVG 2, section 12.3).
+
+    `opacity` is a factor of the texture's alpha, in 0..1. A side that is missing or `auto` follows
+    from the other side, or from the picture, whose pixels count as user units. An image that cannot
+    be read is noted. It is not drawn, and neither is one of no width or height.
+    """
     href = element.attrib.get("href")
     if href is None:
         lengths.report(INVALID, "href", "image without href")
@@ -129,7 +137,7 @@ def _add_textured(
     texture: int,
     opacity: float,
 ) -> None:
-    """Add a convex polygon with a texture to the sink, clipped.
+    """Add a convex polygon with a texture to the sink of a placement, clipped to its clip.
 
     - `points`, `uv`: vertices in pixels, and their texture coordinates.
     - `texture`: index in `Assets.textures`.
@@ -145,7 +153,10 @@ def _add_textured(
 
 
 def _add_clipped(page: Page, placement: Placement, items: list[Item]) -> None:
-    """Clip regions with paints to the clip of the placement, and add what is left to its sink."""
+    """Clip regions with paints to the clip of the placement, and add what is left to its sink.
+
+    The placement must have a clip.
+    """
     for item in items:
         region = intersection(item.region, placement.clip, page.budget)
         if not is_empty(region):
@@ -167,7 +178,7 @@ def _numbers(attributes: Attributes, name: str, count: int) -> Float[np.ndarray,
 
 
 def _box_corners(box: Box) -> Float[np.ndarray, "4 2"]:
-    """The corners of a box in the order top left, top right, bottom right, bottom left."""
+    """The corners (x, y) of a box, in the order top left, top right, bottom right, bottom left."""
     x, y = box.x, box.y
     return np.array(
         [[x, y], [x + box.width, y], [x + box.width, y + box.height], [x, y + box.height]]

@@ -96,7 +96,12 @@ class Cone(NamedTuple):
         return self.apex + (self.start_scale + (1.0 - self.start_scale) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """The position of the apex, and the position of a circle that lies beyond all `points`."""
+        """The position of the apex, and that of a circle that all rays meet beyond all `points`.
+
+        Both are positions along the gradient. They bound the circles that are needed to paint the
+        convex hull of `points`, which are in the gradient's units. Beyond means farther from the
+        apex.
+        """
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
         start = self.start_scale
@@ -128,7 +133,10 @@ class Tube(NamedTuple):
     radius: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Vectors from a circle's center to `count` points of the half that faces the start."""
+        """Vectors from a circle's center to `count` points of the half that faces the start.
+
+        They are in order of their angle, and the same for all circles.
+        """
         angle = _towards_start(self.axis) + math.pi / 2 * np.linspace(-1.0, 1.0, count)
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -140,18 +148,22 @@ class Tube(NamedTuple):
         return self.start_center + position * self.axis + rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """Positions of a half circle before all `points`, and of one behind all of them."""
+        """Positions of a half circle before all `points`, and of one behind all of them.
+
+        Both are positions along the gradient, and bound the circles that are needed to paint the
+        convex hull of `points`, which are in the gradient's units.
+        """
         squared = float(self.axis @ self.axis)
         along = (points - self.start_center) @ self.axis / squared
         return float(along.min()), float(along.max()) + self.radius / math.sqrt(squared)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """The radius of every circle."""
+        """The radius of every circle, whatever the arguments are."""
         return self.radius
 
 
 def circles_of(gradient: RadialGradient) -> Circles:
-    """The circles of a radial gradient.
+    """The circles of a radial gradient: a `Tube` if both radii are equal, otherwise a `Cone`.
 
     The end circle must not be smaller than the start circle, and the two must differ.
     """

@@ -82,10 +82,11 @@ class Piece(NamedTuple):
 def linear_pieces(
     gradient: LinearGradient, bounds: tuple[float, float, float, float], budget: Budget
 ) -> list[Piece]:
-    """Divide a box into strips along a linear gradient, each with an affine paint.
+    """Divide a box into strips across a linear gradient, each with an affine paint.
 
-    `bounds` is the box (x0, y0, x1, y1), in pixels. Raises `ValueError` for a gradient that repeats
-    too often in the box, and for work beyond the budget.
+    `bounds` is the box (x0, y0, x1, y1), in pixels. A strip lies between two neighbouring stops, or
+    beyond the first or last one. The strips cover the box, and do not overlap. Raises `ValueError`
+    for a gradient that repeats too often in the box, and for work beyond the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -101,8 +102,8 @@ def linear_pieces(
 def _strip_paint(gradient: LinearGradient, interval: Interval) -> Paint:
     """The paint between two stops of a linear gradient.
 
-    The paint is the start colour alone if the interval is infinite, or so short that the colours
-    would not be finite.
+    It interpolates the colours of the interval. It is the start colour alone if the interval is
+    infinite, or so short that the coefficients of the paint would not be finite.
     """
     if math.isfinite(interval.start) and math.isfinite(interval.end):
         paint = linear_paint(gradient.to_unit, *interval)
@@ -166,7 +167,8 @@ def _clip_to_interval(
 ) -> Float[np.ndarray, "m 2"]:
     """Clip a convex polygon to the points whose position along a gradient is in an interval.
 
-    `polygon` is in pixels, and `to_unit` is that of a `LinearGradient`.
+    `polygon` is in pixels, and `to_unit` maps `(x, y, 1)` in pixels to the position. The result may
+    have no vertices.
     """
     if interval.start > -math.inf:
         polygon = _clip(polygon, polygon @ to_unit[:2] + to_unit[2] - interval.start)

@@ -16,8 +16,9 @@ from ..xml.notices import WITHOUT_EFFECT
 def paint_root_background(page: Page, style: Style, canvas: Sink) -> None:
     """Paint the canvas in the `background-color` of the root (CSS Backgrounds 3).
 
-    `style` is the computed style of the root. An opaque colour becomes the background of the scene.
-    A translucent one is added to the sink `canvas` as a shape that covers all pixels.
+    `style` is the computed style of the root. An opaque colour becomes the background of the scene,
+    `page.context.background`. A translucent one is added to the sink `canvas` as a shape that
+    covers all pixels, and one of alpha 0 has no effect. Background images and gradients are noted.
     """
     context, css = page.context, page.declared(page.root).css
     for name in ("background", "background-image"):
@@ -45,7 +46,9 @@ def becomes_background(
     - `box`: viewBox of the root, in its user units. The viewBox may leave margins on the canvas,
       which the rect does not cover, so a rect that covers the viewBox alone is no background.
 
-    Returns whether the rect has become the background, so that it need not be drawn.
+    The rect must equal `box`, and have sharp corners, a constant colour and no stroke. It must not
+    be clipped or in a group with opacity. Returns whether the rect has become the background,
+    `page.context.background`, so that it need not be drawn.
     """
     context = page.context
     paint = style.color if style.fill == CURRENT else style.fill

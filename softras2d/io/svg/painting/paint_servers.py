@@ -121,7 +121,7 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
 
     The attribute is read from the first gradient in `chain` that has it. `in_box` says whether the
     gradient's units are the sides of the shape's bounding box, instead of user units. An invalid
-    transform is noted and counts as the identity.
+    transform, or one without an inverse, is noted and counts as the identity.
     """
     for gradient in chain:
         if (text := gradient.attrib.get("gradientTransform")) is None:
@@ -143,7 +143,8 @@ def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.nd
 def _stops(page: Page, chain: list[Element], opacity: float) -> list[Stop]:
     """The stops of the first gradient in `chain` that has any; empty if none has.
 
-    The alpha of each stop is multiplied by `opacity`.
+    Their offsets do not decrease. The alpha of each stop is multiplied by `opacity`, unless the
+    reader does not apply opacities.
     """
     stops = page.gradient_stops.get(id(chain[0]))
     if stops is None:
@@ -207,7 +208,9 @@ class _Lengths:
     def read(self, name: str, default: str | float) -> float:
         """The length of an attribute; `default` if it is missing or invalid, which is noted.
 
-        `default` is text to parse, or a length in the gradient's units.
+        `default` is text to parse, or a length in the gradient's units. Percentages in user units
+        are relative to the width of the viewport for x, to its height for y, and to its diagonal
+        for radii.
         """
         viewport = self._page.viewport
         full = {"x": viewport.width, "y": viewport.height}.get(
@@ -233,11 +236,16 @@ def _linear(
     to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
-    """The paint of a `linearGradient`; a colour if the gradient line has no length.
+    """The paint of a `linearGradient`; the colour of the last stop if the line has no length.
 
     - `chain`: the gradient, followed by those to which it refers.
+    - `stops`: at least two, with offsets that do not decrease.
+    - `spread`: `pad`, `reflect` or `repeat`.
     - `to_pixels`: map `[3, 3]` from the gradient's units to pixels.
-    - `in_box`: as in `_Lengths`.
+    - `in_box`: whether these units are the sides of the shape's bounding box, instead of user
+      units.
+
+    Returns None for a line without length if the last stop is fully transparent.
     """
     lengths = _Lengths(page, chain, in_box)
     x1, y1 = lengths.read("x1", "0%"), lengths.read("y1", "0%")
@@ -258,11 +266,12 @@ def _radial(
     to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
-    """The paint of a `radialGradient`; a colour if the radius is 0, None if both circles are equal.
+    """The paint of a `radialGradient`; the colour of the last stop if the end circle's radius is 0.
 
-    - `chain`: the gradient, followed by those to which it refers.
-    - `to_pixels`: map `[3, 3]` from the gradient's units to pixels.
-    - `in_box`: as in `_Lengths`.
+    The arguments are as for `_linear`. Returns None if both circles are equal, and for a radius of
+    0 if the last stop is fully transparent. If the start circle is larger, both circles and the
+    stops are swapped. If the smaller circle touches the larger one from inside, it is moved inwards
+    a little. A negative radius is noted, and replaced by the default.
     """
     lengths = _Lengths(page, chain, in_box)
     cx, cy, r = (lengths.read(name, "50%") for name in ("cx", "cy", "r"))

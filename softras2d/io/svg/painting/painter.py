@@ -34,6 +34,7 @@ from .radial_pieces import radial_pieces
 class FillSource(NamedTuple):
     """A filled shape, as `control_points.py` needs it to map control points to vertices.
 
+    - `element`: the shape element.
     - `path`: the path of the element, in user units.
     - `outline`: `path`, flattened to polygons.
     - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
@@ -63,12 +64,15 @@ class Painter:
     def paint(
         self, element: Element, path: Path, style: Style, placement: Placement, opacity: float
     ) -> None:
-        """Fill and stroke a path in the order of its `paint-order`.
+        """Fill and stroke a path in the order of its `paint-order`, and add both to the sink.
 
+        - `element`: the element that is drawn, which notices name.
         - `path`: in the user units of `element`.
         - `style`: computed style of `element`.
         - `placement`: map to pixels, clip, and sink of the shapes.
         - `opacity`: factor of the alpha of fill and stroke, in 0..1.
+
+        Nothing is painted unless `visibility` is `visible`.
         """
         if style.visibility != "visible":
             return
@@ -84,10 +88,11 @@ class Painter:
         self, element: Element, original: Path, path: FlatPath, style: Style, placement: Placement,
         opacity: float,
     ) -> None:  # fmt: skip
-        """Fill a path, if its style has a fill.
+        """Fill a path, if its style has a fill, and add the fill to the sink, clipped.
 
         `original` is the path, and `path` the same path flattened to polygons. The other arguments
-        are as for `paint`.
+        are as for `paint`. Contours of fewer than three points are not filled, and a `line` never
+        is. If sources are kept, what is filled is appended to `sources`.
         """
         if style.fill is None or element.name == "line" or len(path.points) < 3:
             return
@@ -117,7 +122,11 @@ class Painter:
     def _stroke(
         self, element: Element, path: FlatPath, style: Style, placement: Placement, opacity: float
     ) -> None:
-        """Stroke a path, if its style has a stroke. `path` is flattened; see `paint`."""
+        """Stroke a path, if its style has a stroke, and add the stroke to the sink, clipped.
+
+        `path` is flattened to polygons. The other arguments are as for `paint`. A stroke of width 0
+        is not drawn.
+        """
         if style.stroke is None or style.stroke_width <= 0 or len(path.points) == 0:
             return
         paint = self._resolved(
@@ -146,8 +155,11 @@ class Painter:
     ) -> list[Outline]:
         """The outlines to stroke for a path: one for each contour, or one for each dash.
 
-        - `path`: the flattened path. `points` are its points, in user units or in pixels.
+        - `path`, `points`: the flattened path, and its points in user units or in pixels.
+        - `style`: gives the properties of the stroke, and the dashes.
         - `scale`: pixels per unit of `points`.
+
+        A contour of a single point has no outline unless it is closed.
         """
         outlines = []
         contours, closed_contours = path.contours(points), path.closed.tolist()
@@ -213,7 +225,10 @@ class Painter:
     ) -> None:
         """Clip a region in pixels, divide it if it has a gradient, and add it to the sink.
 
-        `source` is the index of its shape in `sources`; -1 for none.
+        - `region`: a shapely (multi)polygon. Nothing is added if the clip leaves no area of it.
+        - `fill`: its colour or gradient.
+        - `placement`: has the clip and the sink; the region is not mapped.
+        - `source`: index of its shape in `sources`; -1 for none.
         """
         if placement.clip is not None:
             region = intersection(region, placement.clip, self._page.budget)
@@ -233,7 +248,10 @@ class Painter:
     def _intersect_with_pieces(self, region: Any, pieces: list, source: int) -> list[Item]:
         """Intersect a region with the pieces of a gradient that cover its bounding box.
 
-        Pieces that are fully transparent are left out. `source` is as in `_add_region`.
+        `pieces` is a list of `Piece`, polygons with paints. Returns one item for each piece that
+        the region overlaps. Pieces that are fully transparent are left out; if only one is left,
+        the region is not cut. `source` is the index of the region's shape in `sources`; -1 for
+        none.
         """
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]
         if len(pieces) == 1:
@@ -262,10 +280,13 @@ class Painter:
         - `name`: `fill` or `stroke`.
         - `paint`: value of this property, a `style.Paint`.
         - `opacity`: factor of the alpha, in 0..1.
-        - `path`: the shape, whose bounding box a gradient may need.
+        - `path`: the flattened shape, whose bounding box a gradient may need.
+        - `placement`: has the map to pixels.
 
-        Returns None if nothing is painted. A reference to a pattern is noted. A reference to
-        something that is no paint is noted if it has no fallback.
+        If the reader does not apply opacities, `opacity` is ignored and the paint is opaque.
+        Returns None if nothing is painted, for example for a colour of alpha 0 or a stroke of
+        opacity 0. A reference to a pattern is noted. A reference to something that is no paint is
+        noted if it has no fallback.
         """
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):
@@ -292,7 +313,7 @@ class Painter:
 
 
 def paints_both(style: Style) -> bool:
-    """Whether a shape of this style may have both a fill and a stroke."""
+    """Whether a shape of this style may have both a fill and a stroke of positive width."""
     return style.fill is not None and style.stroke is not None and style.stroke_width > 0
 
 

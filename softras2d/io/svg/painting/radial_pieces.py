@@ -31,11 +31,12 @@ def radial_pieces(
     """Divide a box into pieces between rays and circles of a radial gradient.
 
     - `bounds`: the box (x0, y0, x1, y1), in pixels.
-    - `tolerance`: largest distance between a curve and its polygon, in pixels.
+    - `tolerance`: largest distance between a circle and its polygon, in pixels. It may be larger if
+      this changes no colour visibly, or if more than 16384 rays would be needed.
 
-    Each piece has an affine paint. Pieces may reach beyond the box. No piece lies outside the area
-    that the circles of the gradient cover. Raises `ValueError` for a gradient that repeats too
-    often in the box, and for work beyond the budget.
+    Each piece has an affine paint. Pieces may reach beyond the box, but those that miss it are left
+    out. No piece lies outside the area that the circles of the gradient cover. Raises `ValueError`
+    for a gradient that repeats too often in the box, and for work beyond the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -75,10 +76,11 @@ def radial_pieces(
 
 
 def _from_position(interval: Interval, low: float) -> Interval:
-    """The part of an interval that begins at the position `low`, where the circles begin.
+    """Let an interval between stops begin at the position `low`, at which the circles begin.
 
-    An interval that begins up to `BORDER_SHIFT` after `low` is extended to begin at `low`, since no
-    other interval would paint the gap.
+    An interval that begins before `low` is cut there, and its start colour becomes the colour at
+    `low`. One that begins up to `BORDER_SHIFT` after `low` is extended to `low`, since no other
+    interval would paint the gap. One that begins later is returned unchanged.
     """
     if interval.start > low + BORDER_SHIFT:
         return interval
@@ -132,10 +134,12 @@ def _ring(
     """The pieces between two circles, without those whose bounding box misses the box.
 
     - `inner_circle`, `outer_circle`: points in pixels at which the same rays meet the circles.
-    - `inner_color`, `outer_color`: colours `[4]` at the circles, interpolated between them.
+    - `inner_color`, `outer_color`: colours `[4]` at the circles, sRGB with straight alpha, which
+      are interpolated between the circles.
     - `box`: corners `[4, 2]` of the box in pixels.
 
-    A piece is a quadrilateral between two rays, or half of one if the colours differ.
+    A piece is a quadrilateral between two neighbouring rays. If the colours differ, it is one of
+    the two triangles of such a quadrilateral, and triangles without area are left out.
     """
     quads = np.stack(
         [inner_circle[:-1], outer_circle[:-1], outer_circle[1:], inner_circle[1:]], axis=1
