@@ -47,9 +47,10 @@ class ElementLengths:
         self.report = page.report(element)
 
     def text(self, name: str) -> str | None:
-        """The text of an attribute, or of the property of this name if a style sheet sets it.
+        """The text of an attribute, or of the CSS property of this name, which outranks it.
 
-        Returns None if neither is given.
+        The property stands in a style sheet or in the attribute `style`. Returns None if neither is
+        given.
         """
         values = self._css_values(name)
         return values[0] if values else self._element.attrib.get(name)

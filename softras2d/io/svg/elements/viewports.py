@@ -114,8 +114,7 @@ def nested_viewport(
       None for an `svg` that is drawn where it stands.
 
     The element's own lengths are relative to `page.viewport`, whose size replaces a missing `width`
-    or `height`.
-    Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
+    or `height`. Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
 
     **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
     equivalent transform of an SVG viewport*).
@@ -149,7 +148,7 @@ def nested_state(
     - `state`: state of the element itself, with its style and its map to pixels.
 
     The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. Returns None if
-    the viewport has no area, so that nothing is drawn.
+    the viewport or the viewBox has no area, so that nothing is drawn.
     """
     nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:

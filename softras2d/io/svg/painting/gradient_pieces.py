@@ -117,7 +117,8 @@ def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> It
 
     With `pad`, the result has all intervals between stops. An infinite interval precedes or follows
     them if the positions reach beyond the first or the last stop. With `repeat` and `reflect`, the
-    result has the intervals of all periods that meet the positions.
+    result has the intervals of all periods that meet the positions. All borders between intervals
+    are moved by `BORDER_SHIFT`.
 
     Raises `ValueError` for too many periods, and for work beyond the budget.
     """

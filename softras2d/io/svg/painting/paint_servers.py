@@ -41,10 +41,10 @@ def gradient_fill(
     - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
     - `opacity`: factor of the alpha of all colours, in 0..1.
 
-    Returns a colour if the gradient has the same colour everywhere. Returns None if it paints
-    nothing, for example without stops or if its map has no inverse. Returns False if the gradient
-    is relative to a box without area; the caller then paints the fallback of the reference. Raises
-    `ValueError` for a map in perspective.
+    Returns a colour if the gradient has a single stop, or a line or radius of length 0. Returns
+    None if it paints nothing, for example without stops or if its map has no inverse. Returns False
+    if the gradient is relative to a box without area; the caller then paints the fallback of the
+    reference. Raises `ValueError` for a map in perspective.
 
     **Source:** SVG 2, section 14.2.
     """
@@ -74,7 +74,7 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
     """A gradient, followed by the gradient to which it refers, and so on.
 
     A reference to something else, or to a gradient that is in the chain already, is noted and ends
-    the chain.
+    the chain. So does a reference from a chain longer than `_MAX_TEMPLATES`.
     """
     chain, seen = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
@@ -117,9 +117,10 @@ def _inherited(page: Page, chain: list[Element], name: str, words: tuple[str, ..
 
 
 def _gradient_transform(page: Page, chain: list[Element], in_box: bool) -> np.ndarray:
-    """The map of `gradientTransform`, about the gradient's `transform-origin`.
+    """The map `[3, 3]` of `gradientTransform`, about the gradient's `transform-origin`.
 
-    The attribute is read from the first gradient in `chain` that has it. `in_box` says whether the
+    It maps the gradient's units to themselves; without the attribute, it is the identity. The
+    attribute is read from the first gradient in `chain` that has it. `in_box` says whether the
     gradient's units are the sides of the shape's bounding box, instead of user units. An invalid
     transform, or one without an inverse, is noted and counts as the identity.
     """
@@ -210,7 +211,7 @@ class _Lengths:
 
         `default` is text to parse, or a length in the gradient's units. Percentages in user units
         are relative to the width of the viewport for x, to its height for y, and to its diagonal
-        for radii.
+        for radii. In units of the bounding box, 100 % is 1.
         """
         viewport = self._page.viewport
         full = {"x": viewport.width, "y": viewport.height}.get(

@@ -250,8 +250,8 @@ class Painter:
 
         `pieces` is a list of `Piece`, polygons with paints. Returns one item for each piece that
         the region overlaps. Pieces that are fully transparent are left out; if only one is left,
-        the region is not cut. `source` is the index of the region's shape in `sources`; -1 for
-        none.
+        the region is not cut and has its paint everywhere. `source` is the index of the region's
+        shape in `sources`; -1 for none.
         """
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]
         if len(pieces) == 1:

@@ -61,7 +61,10 @@ def nesting(text: str) -> int:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(text: str) -> Rgba | str | None:
-    """Like `color_of`, for text that has no blanks around it and is not too long."""
+    """Parse a CSS colour as `color_of` does, and remember the result.
+
+    `text` has no blanks around it, and at most `_MAX_LENGTH` characters.
+    """
     if nesting(text) > _MAX_NESTING:
         return None
     # For the three most common spellings, this is twenty times faster than tinycss2.

@@ -82,7 +82,11 @@ def _arguments(text: str, position: int) -> tuple[list[str], int]:
 
 
 def _arc_arguments(text: str, position: int) -> tuple[list[str], int]:
-    """Like `_arguments`, for the command `A`, whose two flags need no separator after them."""
+    """The arguments of a command `A` in a text from `position` on, and the position after the last.
+
+    Each argument is returned as text. The fourth and fifth of every seven are flags, 0 or 1, which
+    need no separator after them.
+    """
     arguments: list[str] = []
     while True:
         pattern = _FLAG if len(arguments) % 7 in (3, 4) else _ARGUMENT
@@ -122,13 +126,16 @@ class PathPen:
         self._add(point)
 
     def qCurveTo(self, control: tuple[float, float], end: tuple[float, float]) -> None:
-        """Add a quadratic Bezier curve from the current point."""
+        """Add a quadratic Bezier curve from the current point to `end`."""
         self._add(control, end)
 
     def curveTo(
         self, first: tuple[float, float], second: tuple[float, float], end: tuple[float, float]
     ) -> None:
-        """Add a cubic Bezier curve from the current point."""
+        """Add a cubic Bezier curve from the current point to `end`.
+
+        `first` and `second` are its control points.
+        """
         self._add(first, second, end)
 
     def arcTo(
@@ -140,7 +147,7 @@ class PathPen:
         sweep: bool,
         end: tuple[float, float],
     ) -> None:
-        """Add an elliptical arc from the current point.
+        """Add an elliptical arc from the current point to `end`.
 
         - `rx`, `ry`: lengths of the half axes.
         - `rotation`: angle between the x axis and the axis of `rx`, in degrees.
@@ -178,7 +185,9 @@ class PathPen:
         del self.path.points[last:]
 
     def _is_at_start(self, subpath: Subpath, index: int) -> bool:
-        """Whether the point with an index equals the start of a subpath, up to rounding.
+        """Whether the point with an index in `Path.points` equals the start of a subpath.
+
+        They are equal if both coordinates differ by less than `_SAME_POINT` times the largest.
 
         Relative commands accumulate rounding errors.
         """
