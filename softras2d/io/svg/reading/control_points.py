@@ -49,8 +49,8 @@ class SvgControls(eqx.Module):
     """Scene of a drawing, with the affine map from the drawing's control points to its vertices.
 
     - `scene`: the scene as `read_svg` returns it.
-    - `points`: control points of all filled paths, polygons and polylines, in the user units of
-      their elements, in document order.
+    - `points`: control points of all filled paths, polygons and polylines whose points are written
+      in an attribute, `(x, y)` in the user units of their elements, in document order.
     - `controls`, `weights`: for each vertex, the indices in `points` of four control points, and
       their weights. The weighted sum is the vertex in the user units of its element.
     - `linear`, `offset`: for each vertex, the map from the user units of its element to pixels. It
@@ -89,14 +89,14 @@ class SvgControls(eqx.Module):
         return jnp.einsum("vij,vj->vi", linear, combined) + offset
 
     def moved(self, points: Float[Array, "points 2"]) -> Scene:
-        """The scene with its vertices at `positions(points)`."""
+        """The scene with its vertices at `positions(points)`. Differentiable."""
         return replace(self.scene, positions=self.positions(points))
 
     def matrix(self) -> Any:
         """The linear part of the map from control points to vertices, as a `scipy.sparse` matrix.
 
-        The matrix, in CSR format, maps `points.ravel()` to `positions(points).ravel() -
-        offset.ravel()`.
+        The float64 matrix `[2 vertices, 2 points]`, in CSR format, maps `points.ravel()` to
+        `positions(points).ravel() - offset.ravel()`.
         """
         from scipy import sparse
 
@@ -318,7 +318,10 @@ def _pair(point: np.ndarray) -> str:
 
 
 def _point_list(path: Path, points: np.ndarray) -> str:
-    """The value of the attribute `points` with these points; `path` is not used."""
+    """The value of the attribute `points` with these points, `[n, 2]`.
+
+    `path` is not used; it makes the signature that of `_path_data`.
+    """
     return " ".join(map(_pair, points))
 
 
@@ -342,7 +345,10 @@ def _path_data(path: Path, points: np.ndarray) -> str:
 
 
 def _arc_data(arc: Arc, end: np.ndarray) -> str:
-    """The path command that draws `arc` and ends in the point `end`."""
+    """The path command `A` that draws `arc` from the current point to the point `end`.
+
+    Radii, rotation and flags are those of `arc`, even if its ends have been moved.
+    """
     rx, ry = np.hypot(*arc.major), np.hypot(*arc.minor)
     rotation = np.degrees(np.arctan2(arc.major[1], arc.major[0]))
     flags = f"{int(abs(arc.turn) > np.pi)} {int(arc.turn > 0)}"

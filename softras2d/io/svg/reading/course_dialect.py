@@ -32,7 +32,8 @@ class CourseReader:
     It is a `Reader` for `document.walk`, and adds shapes to the display list of `context`. Only
     `transform` is inherited: every element has its own style. A method that is named after an
     element, such as `_rect`, draws this element. Its argument `map3` is the homogeneous map `[3,
-    3]` from the user units of the element to pixels.
+    3]` from the user units of the element to pixels. Coordinates and sizes that an element lacks
+    are 0.
     """
 
     def __init__(self, context: Context):
@@ -54,7 +55,8 @@ class CourseReader:
         """Draw a shape, declare a texture, or enter the root or a group.
 
         Returns how `walk` treats the children of the element. Elements that the course does not
-        know are counted for the warning.
+        know are skipped with their children, and counted for the warning. Elements for which
+        `_is_silent` is true are skipped without being counted.
         """
         self._context.display.line = line
         if not self._maps:
@@ -78,7 +80,10 @@ class CourseReader:
         return Children.NAMED
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
-        """Count a child of a shape or of a texture for the warning, since the course ignores it."""
+        """Count a child of a shape or of a texture for the warning, since the course ignores it.
+
+        Elements for which `_is_silent` is true are not counted.
+        """
         if not _is_silent(tag, attributes):
             self._context.elements[tag] += 1
 
@@ -91,8 +96,9 @@ class CourseReader:
     def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
         """The map `[3, 3]` from the root's user units to pixels.
 
-        It is the transform that the caller gave or, without one, the map of `course_view`. Raises
-        `ValueError` unless the root is `svg`, and if it has no size and there is no transform.
+        It is the transform that the caller of the reader gave or, without one, the map of
+        `course_view`. The size of the drawing is stored for `_frame`. Raises `ValueError` unless
+        the root is `svg`, and if it has no size and there is no transform.
         """
         if tag != "svg":
             raise ValueError("is the root, which must be <svg>.")
@@ -112,7 +118,10 @@ class CourseReader:
     def _color(self, attributes: Attributes, name: str) -> Rgba:
         """The colour whose hex digits are the value of the attribute `name`, `fill` or `stroke`.
 
-        Its alpha is the opacity of `_opacity`. It is black if the value has no hex digits.
+        All digits form one number, whose low 24 bits are red, green and blue, so `#f` is a dark
+        blue. A number of over 32 bits is white. Black is the colour of a missing attribute, and of
+        a value that does not begin with hex digits after blanks and `#`. The alpha is the result of
+        `_opacity`.
         """
         match = _HEX.match(attributes.get(name, ""))
         code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
@@ -120,9 +129,10 @@ class CourseReader:
         return red, green, blue, self._opacity(attributes, name)
 
     def _opacity(self, attributes: Attributes, name: str) -> float:
-        """The opacity of `fill` or `stroke` in 0..1, as `name` says.
+        """Read the attribute `fill-opacity` or `stroke-opacity`, clamped to 0..1.
 
-        It is 1 if opacities are not applied.
+        `name` is `fill` or `stroke`. The result is 1 if the attribute is missing, and if the reader
+        does not apply opacities. Raises `ValueError` for text that does not begin with a number.
         """
         text = attributes.get(f"{name}-opacity")
         if text is None or not self._context.opacity:
@@ -130,7 +140,10 @@ class CourseReader:
         return min(max(leading_float(text), 0.0), 1.0)
 
     def _rect(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `rect` and its outline. If width and height are 0, it is a single pixel."""
+        """Draw a `rect` and its outline, if it has the attribute `stroke`.
+
+        If width and height are both 0, a single pixel in the colour of `fill` is drawn instead.
+        """
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
         )
@@ -147,14 +160,18 @@ class CourseReader:
         self._outline(corners[[0, 1, 3, 2]], attributes)
 
     def _point(self, position: np.ndarray, color: Rgba) -> None:
-        """Fill the pixel that contains a position in pixels, if it lies on the canvas."""
+        """Fill the pixel that contains the position `[x, y]`, in pixels, if it is on the canvas."""
         x, y = np.floor(position.astype(np.float32)).astype(np.float64)
         if 0 <= x < self._context.width and 0 <= y < self._context.height:
             rectangle = np.array([[x, y, x + 1, y + 1]])
             self._context.display.add_pixels(rectangle, np.array([color]))
 
     def _polygon(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `polygon`, which the course's ear clipping triangulates, and its outline."""
+        """Draw a `polygon`, which the course's ear clipping triangulates, and its outline.
+
+        A polygon of fewer than three points is not filled. The outline needs the attribute
+        `stroke`.
+        """
         points = np.array(number_pairs(attributes.get("points", "")), np.float32).reshape(-1, 2)
         corners = affine_maps.apply(map3, points)
         if len(points) > 2:
@@ -170,7 +187,7 @@ class CourseReader:
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
 
     def _polyline(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `polyline` with lines one pixel wide, even if it has no attribute `stroke`."""
+        """Draw a `polyline` with lines one pixel wide; without an attribute `stroke`, in black."""
         points = np.array(number_pairs(attributes.get("points", ""))).reshape(-1, 2)
         if len(points) > 1:
             corners = affine_maps.apply(map3, points)
@@ -184,18 +201,27 @@ class CourseReader:
             self._lines(start[None], end[None], self._color(attributes, "stroke"))
 
     def _lines(self, starts: np.ndarray, ends: np.ndarray, color: Rgba) -> None:
-        """Draw lines one pixel wide between points `[n, 2]` in pixels."""
+        """Draw lines one pixel wide, as one shape: line k goes from `starts[k]` to `ends[k]`.
+
+        `starts` and `ends` are points `[n, 2]` in pixels.
+        """
         self._context.display.add_hairlines(np.concatenate([starts, ends], axis=1), color)
 
     def _colortri(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `colortri`, a triangle with a colour for each corner."""
+        """Draw a `colortri`, a triangle with a colour for each corner.
+
+        Each colour is RGBA in 0..1, but its alpha is replaced by the element's `fill-opacity`.
+        """
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         colors = _numbers(attributes, "colors", 12).reshape(3, 4)
         colors[:, 3] = self._opacity(attributes, "fill")
         self._context.display.add_triangles(affine_maps.apply(map3, points)[None], colors)
 
     def _textri(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `textri`, a triangle with a texture."""
+        """Draw a `textri`, a triangle with a texture that an earlier `texture` element declares.
+
+        Its opacity is its `fill-opacity`.
+        """
         points = _numbers(attributes, "points", 6).reshape(3, 2)
         uv = _numbers(attributes, "uvs", 6).reshape(3, 2)
         texture = self._context.assets.texture(attributes.get("texid", ""))
@@ -205,9 +231,11 @@ class CourseReader:
         )
 
     def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw an `image` by filling every pixel between two opposite corners.
+        """Draw an `image` by filling every pixel between its top left and its bottom right corner.
 
-        A mirrored image draws nothing.
+        The corners are mapped to pixels, but a rotation or skew of the image is ignored, and a
+        mirrored image draws nothing. Each pixel has the colour of the image at its centre, sampled
+        bilinearly and opaque. An image without `href` is counted for the warning.
         """
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
@@ -242,8 +270,9 @@ class CourseReader:
     def _frame(self, map3: np.ndarray) -> None:
         """Draw the outline of the drawing with black lines one pixel wide, as the course does.
 
-        The lines run a pixel outside the left and right edge of the drawing, and a pixel inside its
-        top and bottom edge.
+        The drawing has the size that the root declares, and `map3` maps the root's user units to
+        pixels. The lines run a pixel outside the left and right edge of the drawing, and a pixel
+        inside its top and bottom edge.
         """
         height, width = self._size
         corners = affine_maps.apply(map3, [[0, 0], [width, 0], [0, height], [width, height]])
@@ -257,8 +286,8 @@ class CourseReader:
 def _is_silent(tag: str, attributes: Attributes) -> bool:
     """Whether an element is left out without a warning.
 
-    Elements with a namespace prefix are, and so are elements that draw nothing (`SILENT`) and those
-    that `write_svg` adds for browsers alone (`FALLBACK`).
+    These are elements with a namespace prefix, `title`, `desc` and `metadata`, and the elements
+    that `write_svg` adds for browsers alone, which have the attribute `data-fallback`.
     """
     return ":" in tag or tag in SILENT or FALLBACK in attributes
 

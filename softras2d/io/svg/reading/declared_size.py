@@ -10,20 +10,24 @@ from ..xml.notices import Notices
 from ..xml.tree import Element, read_tree
 
 _ENCODINGS = ("utf-8", "utf-16-le", "utf-16-be")
-"""Encodings in which the word `style` is searched for.
+"""Encodings in which a document's bytes are searched for the word `style`.
 
-All other encodings that the parser knows agree with UTF-8 in ASCII characters.
+A document without this word has no style sheets. All other encodings that the parser knows agree
+with UTF-8 in ASCII characters.
 """
 
 _DEFAULT_SIZE = (150.0, 300.0)
-"""Height and width, in px, that browsers give a drawing that declares no size."""
+"""Height and width, in px, that browsers give a drawing that declares no size.
+
+They are used only to evaluate media queries.
+"""
 
 
 def declared_size(document: Document, dialect: str, tree: Element | None = None) -> tuple[int, int]:
     """The (height, width) in pixels that a document declares, rounded up.
 
     - `dialect`: `"svg"` or `"course"`, whose rules differ.
-    - `tree`: the root of a document of dialect `"svg"`, if the document has been parsed already.
+    - `tree`: the root of a document of dialect `"svg"` that has been parsed already; else None.
 
     Raises `SvgError` if the document declares no size.
     """
@@ -47,9 +51,9 @@ def size_with_margins(document: Document, height: int, width: int) -> tuple[floa
 
     The document is of dialect `"svg"`, and the canvas has `height` x `width` pixels. The result is
     the (height, width) of the viewBox in user units or, without a viewBox, the declared size in
-    pixels. Margins of one pixel at most do not count. There are none if the aspect ratios agree, or
-    if `preserveAspectRatio` is `none` or `slice`. Raises `SvgError` if the document has neither a
-    viewBox nor a declared size.
+    pixels. Margins whose sum is one pixel at most do not count. There are none if the aspect ratios
+    agree, if `preserveAspectRatio` has the word `none` or `slice`, or if the viewBox has no area.
+    Raises `SvgError` if the document has neither a valid viewBox nor a declared size.
     """
     _, attributes = root(document)
     if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):

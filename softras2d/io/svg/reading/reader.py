@@ -73,11 +73,11 @@ def read_svg(
     """Read an SVG file as a scene.
 
     The scene has no textures, no alpha channel and no corner colours unless the drawing needs them.
-    Its background is white unless the file has another one.
+    Its background is white unless the file has another one. No vertices are shared by triangles.
 
-    - `height`, `width`: size of the canvas in pixels; by default the size that the file declares,
-      rounded up. The drawing is fitted into the canvas by its viewBox and preserveAspectRatio, or
-      by the course's rule.
+    - `height`, `width`: size of the canvas in pixels; each is by default the side that the file
+      declares, rounded up. The drawing is fitted into the canvas by its viewBox and
+      preserveAspectRatio, or by the course's rule.
     - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
       lines one pixel wide that are not antialiased. Both have the additional elements `colortri`,
       `textri` and `texture`.
@@ -88,7 +88,8 @@ def read_svg(
     - `frame`: whether the course's black outline of the drawing is drawn. By default it is drawn in
       dialect `"course"`; in dialect `"svg"`, `True` is an error.
     - `linear`: whether colours and textures are decoded from sRGB to linear light.
-    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
+    - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas, 0.0001
+      to 10000.
     - `strict`: whether anything invalid or not supported is an error instead of a warning.
     - `fit`: how a drawing of another aspect ratio fills the canvas: `"contain"` leaves margins,
       `"cover"` cuts the drawing, `"stretch"` distorts it. By default, the file's
@@ -101,15 +102,18 @@ def read_svg(
     attribute is ignored as SVG 2 says. A single `UserWarning` lists all that is left out or
     ignored: element, attribute, first line, and count.
 
-    If the first shape is an opaque rect that covers viewBox and canvas, it becomes the
-    `background`. Vertices are mapped to pixels in float64 and rounded to float32.
+    In dialect `"svg"`, the `background` of the scene is an opaque `background-color` of the root,
+    or else the fill of the first shape if that is an opaque rect that covers viewBox and canvas.
+    Vertices are mapped to pixels in float64 and rounded to float32.
 
     Media queries are evaluated for a screen of the canvas's size with the light colour scheme. An
     image that is missing, unreadable or outside `assets` is left out in dialect `"svg"`, and an
     error in dialect `"course"`.
 
-    Raises `ValueError`, one line with file and line number, for:
+    Raises `ValueError`, one line, with file and line number if an element is the cause, for:
 
+    - arguments that are out of range or exclude each other, and a file that cannot be read, or that
+      declares no size if `height` or `width` is None;
     - a document that is not well-formed, declares entities other than short texts, or is larger
       than 64 MB;
     - textures that are missing or outside `assets`;
@@ -207,8 +211,8 @@ def svg_size(path: str | os.PathLike[str], *, dialect: str = "svg") -> tuple[int
     """The (height, width) in pixels that an SVG file declares, rounded up.
 
     `dialect` is as in `read_svg`. In dialect `"svg"`, style sheets outrank the attributes of the
-    root, and a missing side is computed from the viewBox. Raises `ValueError`, one line, if the
-    file declares no size.
+    root, and a missing side is computed from the viewBox. In dialect `"course"`, units are ignored.
+    Raises `ValueError`, one line, if the file cannot be read or declares no size.
     """
     _check_dialect(dialect)
     return declared_size(load(path), dialect)
@@ -228,7 +232,8 @@ def parse_svg_size(
 class _Drawn(NamedTuple):
     """The result of reading a document.
 
-    - `triangles`: the triangles of which `scene` was made, with the index of the shape of each.
+    - `triangles`: the triangles of which `scene` was made, in the same order, with the index in
+      draw order of the shape of each.
     - `drawing`: the object that drew the document; None in dialect `"course"`.
     - `notice`: one line about all that was left out or ignored, for a warning; None for nothing.
     """
@@ -299,7 +304,10 @@ def _read(
 
 
 def _note_style_sheet(document: Document, notices: Notices) -> None:
-    """Add a notice if an external style sheet is named before the root, since it has no effect."""
+    """Add a notice if an external style sheet is named before the root, since it is not read.
+
+    Only the first `<?xml-stylesheet ...?>` is noted.
+    """
     prolog = document.data.partition(b"<svg")[0]
     before, found, _ = prolog.partition(b"<?xml-stylesheet")
     if found:
@@ -343,7 +351,8 @@ def _canvas_size(
       declares.
     - `tree`: root of the document; None in dialect `"course"`.
 
-    Raises `ValueError` unless both sides are integers from 1 to `MAX_SIDE`.
+    Raises `ValueError` if a declared side is needed and there is none, and unless both sides are
+    integers from 1 to `MAX_SIDE`, which is 2^20.
     """
     if height is None or width is None:
         file_height, file_width = declared_size(document, dialect, tree)
@@ -359,13 +368,18 @@ def _canvas_size(
 
 
 def _check_dialect(dialect: str) -> None:
-    """Raise `ValueError` for a dialect that does not exist."""
+    """Raise `ValueError` unless `dialect` is `"svg"` or `"course"`."""
     if dialect not in _DIALECTS:
         raise ValueError(f"`dialect` must be 'svg' or 'course'; got {dialect!r}.")
 
 
 def _check_options(options: _Options) -> None:
-    """Raise `ValueError` for options that are out of range, or that exclude each other."""
+    """Raise `ValueError` for options that are out of range, or that exclude each other.
+
+    These are an unknown `dialect` or `fit`; `frame=True` unless the dialect is `"course"`; a
+    `tolerance` that is not 0.0001 to 10000 pixels; and `fit` in dialect `"course"` or together with
+    `transform`.
+    """
     _check_dialect(options.dialect)
     if options.frame and options.dialect != "course":
         raise ValueError(f"`frame=True` needs dialect 'course'; got dialect {options.dialect!r}.")

@@ -15,10 +15,12 @@ def make_scene(
     addressing: TextureAddressing,
     linear: bool,
 ) -> Scene:
-    """Make a scene of the triangles of a drawing.
+    """Make a scene of the triangles of a drawing, which keep their order and share no vertices.
 
+    - `context`: gives the background, white if it is None, and the images of the textures.
+    - `triangles`: corners in pixels; colours in sRGB with straight alpha.
     - `addressing`: how texture coordinates map to texels.
-    - `linear`: whether colours and textures are decoded from sRGB to linear light.
+    - `linear`: whether colours, background and textures are decoded from sRGB to linear light.
 
     Textures, alpha and corner colours are left out if no triangle needs them.
     """

@@ -51,6 +51,7 @@ class _ElementStep(NamedTuple):
 class _GroupEnd(NamedTuple):
     """A step that composites a group, after all of its shapes have been drawn into a layer.
 
+    - `element`: the group, or a shape with an opacity whose fill and stroke form a group.
     - `layer`: the shapes of the group.
     - `sink`: receives the composited group.
     - `opacity`: opacity of the group, in 0..1.
@@ -63,11 +64,12 @@ class _GroupEnd(NamedTuple):
 
 
 class Drawing:
-    """Draws the elements of a document.
+    """Draws the elements of a document; its shapes are added to the display list of `page`.
 
     - `page`: the document, its style sheets, and the state of reading it.
-    - `painter`: fills and strokes shapes, and stores the filled paths for control points.
-    - `canvas`: the sink that receives the painted shapes.
+    - `painter`: fills and strokes shapes. If its `keeps_sources` is set before `draw`, it stores
+      the filled paths.
+    - `canvas`: the sink that receives the painted shapes and adds them to the display list.
     """
 
     def __init__(self, page: Page):
@@ -85,7 +87,10 @@ class Drawing:
         return self._page.root
 
     def draw(self) -> None:
-        """Draw all elements of the document. Raises `SvgError`, which names an element's line."""
+        """Draw all elements of the document, which is done once.
+
+        Raises `SvgError`, which names the line of the element that cannot be drawn.
+        """
         self._guarded(self.root, self._begin)
         while self._pending:
             step = self._pending.pop()
@@ -98,7 +103,8 @@ class Drawing:
         """Run an action; turn its errors into `SvgError`s that name the document and the element.
 
         The errors give the line number of `element` and its tag. An `SvgError` is passed on
-        unchanged.
+        unchanged. The line is also set in the display list, which stores it with each shape that
+        the action adds.
         """
         self._context.display.line = element.line
         try:
@@ -112,7 +118,8 @@ class Drawing:
     def _begin(self) -> None:
         """Fit the drawing into the canvas, paint its background, and put the root on the stack.
 
-        A root whose map to pixels is singular is not drawn.
+        If the root's map to pixels is singular, the root is not put there, so only the background
+        is drawn.
         """
         page = self._page
         root = root_viewport(page)
@@ -127,10 +134,13 @@ class Drawing:
         self._pending.append(_ElementStep(page.root, InheritedState(INITIAL, placement, viewport)))
 
     def _open(self, step: _ElementStep) -> None:
-        """Draw a shape, or put the children of a group on the stack.
+        """Draw a shape, declare a texture, or put the children of a group on the stack.
 
-        Elements that are not drawn are skipped. Elements that are not supported or invalid are
-        reported.
+        Skipped without a notice are elements of other namespaces, elements that never draw anything
+        or are for browsers alone, elements whose conditions fail or whose `display` is `none`,
+        elements with an opacity of 0 or a singular transform, and `symbol` unless a `use` refers to
+        it. Elements that are not supported, and elements of names that SVG does not define, are
+        skipped too, but reported. Textures inside a `defs` are declared.
         """
         element, parent = step
         self._page.budget.charge("elements" if parent.instance is None else "copies", 1)
@@ -182,7 +192,8 @@ class Drawing:
     def _has_no_backdrop(self, element: Element, parent: InheritedState) -> bool:
         """Whether an element is the first that is drawn in a `g` with `isolation: isolate`.
 
-        If it is, nothing lies below the element in its group, and its blend mode has no effect.
+        If it is, nothing lies below the element in its group, and its blend mode has no effect. The
+        result is False for an element that is drawn because a `use` refers to it.
         """
         group = element.parent
         if group is None or group.name != "g" or parent.is_instance(element):
@@ -196,7 +207,10 @@ class Drawing:
         return True
 
     def _declare_textures(self, element: Element) -> None:
-        """Declare the textures that are children of an element."""
+        """Store the names and files of `texture` elements that are direct children of an element.
+
+        Elements drawn later may refer to these textures by name.
+        """
         for child in element.children:
             if child.name == "texture":
                 self._context.display.line = child.line
@@ -241,7 +255,9 @@ class Drawing:
     def _draw_shape(
         self, element: Element, declared: Declarations, state: InheritedState, opacity: float
     ) -> None:
-        """Draw a shape.
+        """Draw a shape, or make it the background of the scene (`becomes_background`).
+
+        Child elements that are not supported are reported, and textures among them are declared.
 
         - `declared`: declarations of the shape.
         - `state`: state of the shape itself, with its style and placement.

@@ -21,7 +21,8 @@ class Assets:
     - `folder`: folder of the document, to which names of files are relative; None to use `root`.
     - `root`: folder that must contain every file, after symbolic links are resolved; None to use
       `folder`. If both are None, no file is read, only `data:` URIs.
-    - `alpha`: whether textures keep an alpha channel. One that is 1 everywhere is always dropped.
+    - `alpha`: whether textures keep an alpha channel. An alpha channel that is 1 everywhere is
+      always dropped.
     - `budget`: charged for the pixels that the header of each image claims; None for a new budget.
     - `textures`: the images that have been used as textures, `[height, width, 3 or 4]` each.
     """
@@ -49,7 +50,8 @@ class Assets:
     def texture(self, texid: str) -> int:
         """Index in `textures` of the texture that `declare` has named `texid`.
 
-        Raises `ValueError` if no texture has this name, or if its file cannot be read.
+        Its file is read, and appended to `textures`, at its first use. Raises `ValueError` if no
+        texture has this name, or if its file cannot be read.
         """
         if texid not in self._declared:
             raise ValueError(f"no texture {texid!r} is declared before this element.")
@@ -58,7 +60,9 @@ class Assets:
     def linked(self, href: str) -> int:
         """Index in `textures` of the image to which the `href` of an `image` element refers.
 
-        Raises `ValueError` for an image that cannot be read. It is not tried a second time.
+        `href` is a `data:` URI, or the percent-encoded name of a file. The image is read, and
+        appended to `textures`, at its first use. Raises `ValueError` for an image that cannot be
+        read. Such an image is not tried again: later calls raise the same message.
         """
         if href in self._unreadable:
             raise ValueError(self._unreadable[href])
@@ -71,10 +75,10 @@ class Assets:
             raise
 
     def picture(self, href: str) -> np.ndarray:
-        """The pixels `[height, width, 3 or 4]` of the image to which an `href` refers.
+        """The pixels `[height, width, 3 or 4]`, in sRGB, of the image to which an `href` refers.
 
-        Unlike `linked`, this method does not append the image to `textures`. Raises `ValueError`
-        for an image that cannot be read.
+        Unlike `linked`, this method does not append the image to `textures`, and it keeps an alpha
+        channel in any case. Raises `ValueError` for an image that cannot be read.
         """
         return self._read(self._key(href))
 
@@ -91,7 +95,8 @@ class Assets:
     def _index(self, key: Path | str) -> int:
         """Index in `textures` of the image with this key, which is appended at its first use.
 
-        `key` is a result of `_key`.
+        `key` is a result of `_key`. An alpha channel is dropped if the constructor's `alpha` is
+        false, or if it is 1 everywhere.
         """
         if key not in self._indices:
             picture = self._read(key)
@@ -102,7 +107,11 @@ class Assets:
         return self._indices[key]
 
     def _read(self, key: Path | str) -> np.ndarray:
-        """The pixels of the image with this key of `_key`, which is read at its first use."""
+        """The pixels `[height, width, 3 or 4]`, in sRGB, of an image that is read at its first use.
+
+        `key` is a result of `_key`. Raises `ValueError` for an image that cannot be decoded or is
+        in a file of more than `MAX_BYTES`, and for pixels beyond the budget.
+        """
         # Imported here, since scenes without images need no image library.
         from ...images import read_charged
 
@@ -121,9 +130,10 @@ class Assets:
         self._budget.charge("texels", pixels)
 
     def _path(self, name: str) -> Path:
-        """The absolute path of the file `name`.
+        """The absolute path of the file `name`, which is relative to the folder of the document.
 
-        Raises `ValueError` unless the file exists and lies in the folder `root`.
+        Symbolic links are resolved. Raises `ValueError` for an empty name or a URL, and unless the
+        file exists and lies in the folder `root` of the constructor.
         """
         if not name:
             raise ValueError("the name of the file is empty.")
@@ -147,7 +157,7 @@ class Assets:
 
 
 def _embedded(uri: str) -> bytes:
-    """Decode the bytes of a `data:` URI.
+    """Decode the bytes of a `data:` URI that is an image in base64; they are those of its file.
 
     Raises `ValueError` for text that is not base64, and for media other than raster images.
     """

@@ -38,7 +38,7 @@ MAX_DEPTH = 100_000
 """Maximum depth of nested elements, where the root has depth 1."""
 
 Attributes = dict[str, str]
-"""Attributes of an element: values by name. Names have their prefixes, as in the document."""
+"""Attributes of an element: values by name. Names have their prefixes, such as `xlink:href`."""
 
 
 class Document(NamedTuple):
@@ -100,7 +100,11 @@ class TextReader(Reader, Protocol):
 
 
 class SvgError(ValueError):
-    """An error in a document. The message is one line, with the document's name and line number."""
+    """An error in a document.
+
+    The message begins with the document's name, and with a line number if there is one. Line breaks
+    in it are replaced by blanks.
+    """
 
     def __init__(self, message: str):
         super().__init__(in_one_line(message))
@@ -128,9 +132,9 @@ def load(path: str | os.PathLike[str]) -> Document:
 
 
 def from_text(text: str | bytes, name: str) -> Document:
-    """Make a document of its text; errors call the document `name`.
+    """Make a document of its text, which belongs to no folder; errors call the document `name`.
 
-    Bytes may be compressed. Raises `SvgError` for a document that is too large, or that cannot be
+    Bytes may be compressed (`.svgz`). Raises `SvgError` for a document that is too large, or that cannot be
     decompressed.
     """
     return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
@@ -178,9 +182,10 @@ Messages quote attributes, which may be huge.
 
 
 def reason(error: Exception) -> str:
-    """The message of an error on one line, of limited length.
+    """The message of an error on one line, cut after `_MAX_REASON` characters.
 
-    An error in `LIBRARY_ERRORS` is described by a plain sentence instead.
+    An error in `LIBRARY_ERRORS` is described by a plain phrase instead, such as "is nested too
+    deeply.", before which the caller puts the subject.
     """
     text = " ".join(str(error).split())
     text = text if len(text) <= _MAX_REASON else f"{text[:_MAX_REASON]}..."
@@ -202,8 +207,9 @@ def walk(
     - `with_text`: whether text between tags is passed on too, and short entities may be declared.
       `reader` must then be a `TextReader`.
 
-    Raises `SvgError`, one line with name, line number and message, for errors in the XML, for a
-    `ValueError` or library error of `reader`, and for work beyond the budget.
+    Raises `SvgError`, one line with name, line number and message, for errors in the XML, for
+    elements nested deeper than `MAX_DEPTH`, for a `ValueError` or library error of `reader`, and
+    for work beyond the budget.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
@@ -255,7 +261,7 @@ class _RootRead(Exception):
 
 
 def root(document: Document) -> tuple[str, Attributes]:
-    """Name and attributes of the root element. The rest of the document is not parsed.
+    """Name and attributes of the root element, with prefixes. The rest is not parsed.
 
     Raises `SvgError` for an error in the XML that comes before the end of the root's start tag.
     """
@@ -273,11 +279,13 @@ def root(document: Document) -> tuple[str, Attributes]:
 
 
 def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool = False) -> None:
-    """Parse a document with a parser whose element handlers are set.
+    """Parse a document with a parser whose element handlers are set; the handlers get the content.
 
-    `with_entities` says whether short entities may be declared. Raises `SvgError` for errors in the
-    XML, for entities that are not allowed, for too many attribute defaults, and for a text that
-    cannot be decoded.
+    `with_entities` says whether entities may be declared, up to `MAX_ENTITIES` short texts that
+    refer to nothing. Raises `SvgError` for errors in the XML, for other entities, for more than
+    `MAX_DEFAULTS` attribute defaults, and for a text that cannot be decoded. Errors that the
+    handlers raise are passed on, except that other `ValueError`s and `LookupError`s become
+    `SvgError`s.
     """
 
     def refuse(problem: str) -> NoReturn:

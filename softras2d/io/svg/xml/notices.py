@@ -35,9 +35,10 @@ MAX_NAMES = 50
 
 
 def kind_of_refused(value: str) -> str:
-    """The kind of notice about a value that the reader cannot parse.
+    """The kind of notice about an attribute's or property's value that the reader cannot parse.
 
-    It is `WITHOUT_EFFECT` for a valid value that is not supported, and `INVALID` for any other.
+    It is `WITHOUT_EFFECT` if the value has a function or keyword that is valid but not supported,
+    such as `calc(` or `context-fill`, and `INVALID` for any other value.
     """
     return WITHOUT_EFFECT if _UNSUPPORTED_VALUES.search(value) else INVALID
 
@@ -93,14 +94,18 @@ class Notices:
     def warning(self) -> str | None:
         """One line that names the causes of all notices, with their counts; None without notices.
 
-        At most `MAX_NAMES` causes of each kind are named.
+        It also gives the line and the detail of the first notice of each cause. At most `MAX_NAMES`
+        causes of each kind are named; the others are counted.
         """
         if not self._counts:
             return None
         return in_one_line(f"{self._name}: {'; '.join(self._parts())}.")
 
     def _parts(self) -> Iterator[str]:
-        """Yield the text about each kind of notice that has been added, with its causes."""
+        """Yield one text for each kind of notice that has been added, which names its causes.
+
+        The order is not drawn, without effect, approximate, invalid.
+        """
         for kind in (NOT_DRAWN, WITHOUT_EFFECT, APPROXIMATE, INVALID):
             causes = [cause for cause in self._counts if cause.kind == kind]
             names = [self._named(cause) for cause in causes[:MAX_NAMES]]

@@ -112,9 +112,9 @@ class Element:
 
 
 def read_tree(document: Document, budget: Budget) -> Element:
-    """Parse a document; returns its root, which is `<svg>`.
+    """Parse a document as a tree; returns its root, which is `<svg>`.
 
-    Raises `SvgError` as `walk` does, for a root that is not `<svg>`, and for more elements than the
+    Its attributes and elements are charged to `budget`. Raises `SvgError` as `walk` does, for a root that is not `<svg>`, and for more elements than the
     budget allows.
     """
     builder = _TreeBuilder(budget)
@@ -124,7 +124,10 @@ def read_tree(document: Document, budget: Budget) -> Element:
 
 
 class _TreeBuilder:
-    """A `TextReader` that builds the tree of a document, whose root is then `root`."""
+    """A `TextReader` that builds the tree of a document.
+
+    `root` is the root of the tree; None before `walk` has passed the first element.
+    """
 
     def __init__(self, budget: Budget):
         self.root: Element | None = None
@@ -177,6 +180,7 @@ class _TreeBuilder:
 def _without_namespaces(attributes: Attributes, scope: dict[str, str]) -> Attributes:
     """The attributes without a prefix, and `href` of XLink unless there is another `href`.
 
+    The `href` of XLink is renamed to `href`; all other attributes with a prefix are left out.
     `scope` maps the prefixes that are known in the element to their namespaces.
     """
     if not any(":" in name for name in attributes):
