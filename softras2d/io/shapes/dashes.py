@@ -24,6 +24,8 @@ def dashes(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each dash.
 
+    Dashes are open chains, in the order of the chain.
+
     - `points`: the chain.
     - `smooth`: whether each point lies inside a flattened curve.
     - `closed`: whether a segment joins the last point to the first.
@@ -32,9 +34,10 @@ def dashes(
     - `offset`: distance from the start of the pattern at which the chain begins.
     - `budget`: charged for the points of the dashes.
 
-    If a closed chain begins and ends within a dash, the two pieces are joined to one dash. A chain
-    of length zero is returned uncut, and so is one whose number of periods overflows. Raises
-    `BudgetError` if the dashes need more points than `budget` allows.
+    If a closed chain begins and ends within a dash, the two pieces are joined to one dash, which
+    comes first. A chain of length zero is returned uncut, and so is one whose number of periods
+    overflows; if it is closed, its first point is repeated at its end. Raises `BudgetError` if the
+    dashes need more points than `budget` allows.
 
     **Source:** SVG 2, section 13.5.6.
     """

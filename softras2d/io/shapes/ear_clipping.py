@@ -101,7 +101,11 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
 def fill_nonzero(
     contour: Float[np.ndarray, "n 2"], budget: Budget | None = None
 ) -> Float[np.ndarray, "triangles 3 2"]:
-    """Triangulate a contour that `clip_ears` has skipped, by the nonzero rule; returns corners."""
+    """Triangulate a contour that `clip_ears` has skipped, by the nonzero rule.
+
+    Returns the corners of the triangles, in the units of `contour`. Raises `BudgetError` if the
+    work exceeds `budget`.
+    """
     return triangulate([contour], [False], [False], budget)[0]
 
 
@@ -162,8 +166,8 @@ def _are_ears(
 ) -> Bool[np.ndarray, " polygons"]:
     """Whether one corner of each polygon is an ear.
 
-    An ear has a cross product of at least `_MIN_CROSS`, and no other vertex of the polygon lies
-    inside its triangle or on it.
+    At an ear, the cross product of the two edges is at least `_MIN_CROSS`, and no other vertex of
+    the polygon lies inside the triangle of the corner and its neighbours, or on its edges.
 
     - `size`: number of valid points of each polygon, which come first in its row.
     - `neighbours`: indices in `points` of the previous vertex, the corner and the next vertex.

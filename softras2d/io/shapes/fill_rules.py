@@ -35,7 +35,8 @@ def fill_rule_regions(
     - `error_indices`: for each shape, the index that a `BudgetError` about it has.
 
     The polygons are in the order of the shapes. A shape may have several polygons, which may share
-    edges. It has none if it has no contour of three points.
+    edges but do not overlap. It has none if it has no contour of three points. Raises `BudgetError`
+    if the work exceeds `budget`.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
@@ -81,7 +82,8 @@ def fill_rule_regions(
 def _with_area(contours: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Drop points that equal the point before them, and then contours of fewer than three points.
 
-    A contour of three points is kept as it is.
+    Contours are closed, so the last point is the one before the first. A contour of three points is
+    kept as it is.
     """
     tidy = [c[(c != np.roll(c, 1, axis=0)).any(axis=1)] if len(c) > 3 else c for c in contours]
     return [contour for contour in tidy if len(contour) > 2]
@@ -159,6 +161,8 @@ def _windings(
     budget: Budget,
 ) -> Int[np.ndarray, " points"]:
     """Winding numbers of shapes around points: for each point, that of one shape.
+
+    Points must not lie on edges of their shapes.
 
     - `edges`: the edges of each shape. `lengths` are the numbers of edges.
     - `shape_of_point`: for each point, the index of the shape whose winding number is computed.

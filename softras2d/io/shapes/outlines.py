@@ -101,7 +101,10 @@ class Caps(NamedTuple):
 
 
 def segments_of(outlines: Sequence[Outline]) -> Segments:
-    """Make the segments of all outlines, without those that are dropped (`MAX_DROPPED_LENGTH`)."""
+    """Make the segments of all outlines, without those that are dropped (`MAX_DROPPED_LENGTH`).
+
+    A closed outline also has the segment from its last point to its first.
+    """
     chains = [
         np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
         for line in outlines
@@ -133,6 +136,8 @@ def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
 def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) -> Joins:
     """Make the joins of all outlines, at every corner where the direction changes.
 
+    A closed outline also has a join where its last segment meets its first.
+
     - `segments`: the segments of all outlines.
     - `is_closed`, `half_width`: for each outline, whether it is closed, and half the width of its
       stroke in user units.
@@ -157,12 +162,13 @@ def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) 
 
 
 def caps_of(segments: Segments, is_closed: np.ndarray, outlines: Sequence[Outline]) -> Caps:
-    """Make the caps of all open outlines.
+    """Make the caps of all open outlines, two for each.
 
     - `segments`: the segments of all outlines.
     - `is_closed`: whether each outline is closed.
 
-    An outline with points but without segments is a dot, which has two caps at its first point.
+    An outline with points but without segments is a dot, even if it is closed. It has two caps at
+    its first point, which point in directions +x and -x.
     """
     firsts = np.flatnonzero(np.diff(segments.outline, prepend=-1))
     lasts = np.append(firsts[1:], len(segments.outline))[: len(firsts)] - 1
@@ -184,5 +190,5 @@ def caps_of(segments: Segments, is_closed: np.ndarray, outlines: Sequence[Outlin
 
 
 def quarter_turn(directions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Rotate directions by 90 degrees, from the x axis towards the y axis."""
+    """Rotate vectors by 90 degrees, from the x axis towards the y axis: (x, y) to (-y, x)."""
     return np.stack([-directions[:, 1], directions[:, 0]], axis=-1)

@@ -55,7 +55,8 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
 def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int) -> None:
     """Charge `budget` two units of `pairs` for each pair of overlapping boxes (x0, y0, x1, y1).
 
-    `index` is the index of the shape in a `BudgetError`.
+    Boxes that only touch overlap. If the pairs exceed the limit, counting stops and `BudgetError`
+    is raised, in which `index` is the index of the shape.
     """
     for first, _ in overlapping_pairs(boxes):
         budget.charge("pairs", 2 * len(first), index)
@@ -66,9 +67,9 @@ def charge_crossings(
 ) -> None:
     """Charge `budget` for the pairs of edges of one shape that may cross, and that do cross.
 
-    A pair of edges with overlapping bounding boxes counts among the `pairs`. If the edges cross or
-    touch without sharing an end, it also counts among the `crossings`. `index` is the index of the
-    shape in a `BudgetError`.
+    Edge k goes from `starts[k]` to `ends[k]`. A pair of edges whose bounding boxes overlap or touch
+    is charged as one of the `pairs`. If the edges cross or touch without sharing an end, the pair
+    is also charged as one of the `crossings`. `index` is the index of the shape in a `BudgetError`.
     """
     boxes = np.concatenate([np.minimum(starts, ends), np.maximum(starts, ends)], axis=1)
     for first, second in overlapping_pairs(boxes):
@@ -83,7 +84,8 @@ def charge_crossings(
 def _side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Sign of the cross product of b - a and `point` - a, row by row.
 
-    It is 1 or -1 for a point on either side of the line from a to b, and 0 on the line.
+    The rows are vectors (x, y). The sign is 1 or -1 for a point on either side of the line from a
+    to b, and 0 on the line.
     """
     edge, to_point = b - a, point - a
     return np.sign(edge[:, 0] * to_point[:, 1] - edge[:, 1] * to_point[:, 0])

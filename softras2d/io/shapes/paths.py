@@ -120,8 +120,9 @@ def arc_between(
     - `large`, `sweep`: the two flags of the command.
 
     Returns the center, the vectors of both half axes, the start angle and the turn, in radians.
-    Radii that are too short to reach both ends are enlarged. Returns None if the arc is a straight
-    line, because a radius is zero, or is nothing, because its ends are equal.
+    Radii that are too short to reach both ends are enlarged, in proportion. Returns None if the arc
+    is a straight line, because a radius is zero, is nothing, because its ends are equal, or cannot
+    be computed, because numbers overflow.
 
     **Source:** SVG 2, appendix B.2.4 and B.2.5.
     """
@@ -255,7 +256,7 @@ _FIRST_OF_FOUR = np.array([1.0, 0.0, 0.0, 0.0])
 def _padded(start: int, segment: tuple[int, ...]) -> tuple[int, int, int, int]:
     """The indices of a segment's control points, including its start, padded to four indices.
 
-    `segment` has the indices after `start`. The last index is repeated.
+    `segment` has the one to three indices after `start`. The last one is repeated.
     """
     if len(segment) == 3:
         return start, *segment
@@ -269,19 +270,21 @@ def _segment_counts(
     linear: np.ndarray,
     tolerance: float,
 ) -> Int[np.ndarray, " segments"]:
-    """Number of chords of each segment that keeps curves within `tolerance` pixels.
+    """Number of chords of each segment that keeps curves within `tolerance` pixels of the chords.
+
+    It is at least 1 and at most `_MAX_SEGMENTS`, for which curves may be farther.
 
     - `control`: all control points, `[points, 2]`, in user units.
     - `rows`: indices of four control points of each segment.
     - `degrees`: 3 for cubic curves, 2 for quadratic ones. Segments of other degrees get 1.
     - `linear`: maps vectors in user units to pixels.
 
-    The distance between a curve of degree d and the chord of a parameter interval h is at most
-    h^2 / 8 times the largest second derivative, which is d (d - 1) times a second difference of
-    control points.
+    The distance between a curve of degree d and the chord of a parameter interval h is at most h^2
+    / 8 times the largest second derivative, which is d (d - 1) times a second difference of control
+    points.
 
-    **Source:** Wang, *The subdivision method for finding the intersection between two Bezier
-    curves or surfaces* (1984).
+    **Source:** Wang, *The subdivision method for finding the intersection between two Bezier curves
+    or surfaces* (1984).
     """
     counts = np.ones(len(rows), np.int64)
     is_curve = degrees >= 2
@@ -298,7 +301,7 @@ def _segment_counts(
 
 
 def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
-    """Number of chords that keeps an arc within `tolerance` pixels.
+    """Number of chords that keeps an arc within `tolerance` pixels, at most `_MAX_SEGMENTS`.
 
     `linear` maps vectors in user units to pixels. The bound is the distance between a chord and a
     circle whose radius is the longer half axis of the ellipse in pixels.
@@ -314,7 +317,7 @@ def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
 def _bernstein(
     degree: Int[np.ndarray, " n"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 4"]:
-    """Weights of the control points of Bezier curves at parameters `t`, in 0..1.
+    """Weights of the control points of Bezier curves at parameters `t`, in 0..1, one per curve.
 
     A curve of degree d uses its first d + 1 control points; the other weights are 0. Degrees below
     1 count as 1.

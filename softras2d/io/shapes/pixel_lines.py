@@ -86,7 +86,7 @@ def _pixel_lines(
     budget: Budget,
     triangles_each: Int[np.ndarray, " lines"] | None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Do the work of `pixel_lines`, whose arguments and result are the same."""
+    """Do the work of `pixel_lines`, whose arguments and result are the same, in its `errstate`."""
     walks = _walks(segments)
     # Walk k belongs to line `lines[k]`.
     lines = np.flatnonzero(_may_touch(segments, walks, height, width))
@@ -120,7 +120,10 @@ def _pixel_lines(
 
 
 def _walks(segments: Float32[np.ndarray, "lines 4"]) -> _Walks:
-    """Compute the start, step and end of each line in float32, as the course does."""
+    """Compute the start, step and end of each line in float32, by the rule of `pixel_lines`.
+
+    `segments` are (x0, y0, x1, y1) in pixels. Steps may be infinite or NaN for extreme coordinates.
+    """
     swap = segments[:, 0] > segments[:, 2]
     ordered = np.where(swap[:, None], segments[:, [2, 3, 0, 1]], segments)
     x, y, last_x, last_y = ordered.T
@@ -159,7 +162,9 @@ def _advance_long_lines(
 ) -> tuple[_Walks, Bool[np.ndarray, " lines"]]:
     """Advance lines of more than `_LONG_STEPS` steps to the canvas; leave others as they are.
 
-    Returns the lines that reach the canvas, and whether each of `walks` does.
+    An advanced line begins where it comes to the canvas, and its number of steps is reduced to what
+    crossing the canvas takes. Returns two things: the lines without those that would not reach the
+    canvas within `_MAX_STEPS` steps, and for each of `walks`, whether it is among these lines.
     """
     reaches_canvas = np.ones(len(walks.steps), bool)
     x, y, steps = walks.x.copy(), walks.y.copy(), walks.steps.copy()

@@ -37,11 +37,12 @@ def triangulate(
       such arrays if it has several contours, which the fill rule combines.
     - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
     - `translucent`: whether each shape is translucent, so that edges between its triangles must
-      avoid samples; the docstring of `polygons.py` says why.
+      avoid samples: a sample on such an edge is covered by both triangles, and blended twice.
 
     Triangles of one shape are consecutive, but shapes may come in any order. A single contour of
     three points gives one triangle, whatever its area; one of fewer points gives none. Raises
-    `BudgetError`, with the index of the shape, if the work exceeds `budget`.
+    `BudgetError`, with the index of the shape, if the work exceeds `budget`; None is a new budget
+    with the usual limits.
     """
     budget = budget or Budget()
     is_single = np.array([isinstance(contour, np.ndarray) for contour in contours], bool)
@@ -128,7 +129,8 @@ def fill_regions(
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate shapely (multi)polygons; returns the triangles, and for each its owner.
 
-    - `translucent`: whether edges between the triangles of each region must avoid samples.
+    - `translucent`: whether edges between the triangles of each region must avoid samples. They are
+      then bent at their middles, which adds vertices.
     - `owner`: index of the shape to which each region belongs. Regions of one owner are
       consecutive, may share edges, and are either all translucent or all opaque.
     """
@@ -195,5 +197,8 @@ def _bend_inner_edges(
 
 
 def _generic_numbers(count: int) -> Float[np.ndarray, " {count}"]:
-    """`count` numbers in 0..1 that are far from each other and from simple fractions."""
+    """Return `count` numbers in 0..1 that are far from each other and from simple fractions.
+
+    They are the same at each call: multiples of the inverse golden ratio, modulo 1.
+    """
     return np.modf((np.arange(count) + 1.0) * _GOLDEN)[0]

@@ -30,11 +30,11 @@ def stroke(
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate strokes; returns the triangles, and for each the index of its outline.
 
-    Triangles are in the order of the outlines, and in user units. Segments of zero length are
-    dropped, and so are segments that may be rounding errors (`MAX_DROPPED_LENGTH`). An outline
-    whose segments are all dropped draws a dot if its caps are round or square. Without a `budget`,
-    one with the usual limits is used. Raises `BudgetError`, with the index of the outline, if the
-    triangles exceed the budget.
+    Triangles are in the order of the outlines, and in user units. Those of one outline may overlap.
+    Segments of zero length are dropped, and so are segments that may be rounding errors
+    (`MAX_DROPPED_LENGTH`). An outline whose segments are all dropped draws a dot if its caps are
+    round or square. Without a `budget`, one with the usual limits is used. Raises `BudgetError`,
+    with the index of the outline, if the triangles exceed the budget.
 
     **Source:** SVG 2, sections 13.5.4 to 13.5.6.
     """
@@ -93,9 +93,10 @@ def union(
 ) -> Any:
     """Unite triangles, which may overlap, into one shapely (multi)polygon.
 
-    Triangles without area are left out. Each pair of triangles whose bounding boxes overlap charges
-    two `pairs` to `budget`, beyond whose limit `BudgetError` is raised. None is a new budget with
-    the same limits. `index` is the index of the shape in the error.
+    Triangles without area are left out. For each pair of triangles whose bounding boxes overlap,
+    two units of `pairs` are charged to `budget`, which raises `BudgetError` beyond its limit. If
+    `budget` is None, a new one with the usual limits is used. `index` is the index of the shape in
+    the error.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -110,6 +111,7 @@ class _Sectors(NamedTuple):
     """Sectors of circles, in user units.
 
     - `outline`: index of the outline of each sector.
+    - `center`: center of the circle.
     - `start_offset`: vector from the center to the point of the circle where the sector begins.
     - `turn`: angle of the sector, in radians, positive from the x axis to the y axis.
     - `triangles`: number of triangles that approximate the sector.
@@ -136,7 +138,10 @@ def _exceeds_limit(joins: Joins, miterlimit: np.ndarray) -> np.ndarray:
 
 
 def _segment_quads(segments: Segments, half_width: np.ndarray) -> _Triangles:
-    """The two triangles of each segment. `half_width` has half the stroke's width per outline."""
+    """The two triangles of each segment, which form a rectangle as wide as the stroke.
+
+    `half_width` has half the stroke's width per outline, in user units.
+    """
     a, b = segments.start, segments.end
     side = half_width[segments.outline, None] * quarter_turn(segments.direction)
     return _quads(segments.outline, a + side, b + side, b - side, a - side)
@@ -162,7 +167,7 @@ def _miter_quads(joins: Joins) -> _Triangles:
 def _clipped_miters(joins: Joins, half_width: np.ndarray, miterlimit: np.ndarray) -> _Triangles:
     """Miters cut off at `miterlimit` half widths from the corner, as fans of three triangles.
 
-    `half_width` and `miterlimit` have one entry per outline.
+    `half_width`, half the stroke's width, and `miterlimit` have one entry per outline.
     """
     half, angle = half_width[joins.outline], np.abs(joins.turn) / 2
     # Both sides of the miter go on straight until they reach the cut.
@@ -179,9 +184,9 @@ def _clipped_miters(joins: Joins, half_width: np.ndarray, miterlimit: np.ndarray
 
 
 def _square_caps(caps: Caps, half_width: np.ndarray) -> _Triangles:
-    """The two triangles of each square cap.
+    """The two triangles of each square cap, which reach half the stroke's width beyond the end.
 
-    `half_width` has half the stroke's width per outline.
+    `half_width` has half the stroke's width per outline, in user units.
     """
     near = caps.position
     side = half_width[caps.outline, None] * quarter_turn(caps.outward)
@@ -201,7 +206,7 @@ def _quads(
 
 
 def _join_sectors(joins: Joins, radius_px: np.ndarray) -> _Sectors:
-    """Make the sectors of round joins.
+    """Make the sectors of round joins, on the outer side of the corner.
 
     `radius_px` has half the stroke's width, in pixels, per outline.
     """
@@ -236,7 +241,7 @@ def _sector_triangles(
 
 
 def _sector_fans(sectors: _Sectors) -> _Triangles:
-    """Cut each sector into a fan of equal triangles."""
+    """Cut each sector into a fan of `sectors.triangles` equal triangles around its center."""
     counts = sectors.triangles
     sector = np.repeat(np.arange(len(counts)), counts)
     index_in_sector = np.arange(len(sector)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -56,11 +56,12 @@ class GradientLines(NamedTuple):
 class Gradients(NamedTuple):
     """One or two linear gradients for each triangle. Colours are sRGB, in 0..1.
 
-    - `mean`: mean of the corner colours, `[triangles, 3 or 4]`.
+    - `mean`: mean of the corner colours, `[triangles, 3 or 4]`. It is the colour of a triangle
+      whose `first.is_valid` is False, which has no gradient.
     - `first`, `first_colors`: line of the first gradient, whose ends lie `INSET` pixels inside the
-      triangle; and the colours at its start and at its end.
+      triangle; and the colours at its start and at its end, `[triangles, 3 or 4]` each.
     - `second`, `second_colors`: line of the second gradient, and the colours at its start and at
-      its end, `[triangles, 3]`.
+      its end, `[triangles, 3]` each.
     - `second_grey`: where on its line the second gradient is grey: 0 at the start, 1 at the end.
     - `has_second`: whether a triangle needs the second gradient, whose blend mode is `hard-light`.
     - `shown`: the corner colours that both gradients produce together, without the inset,
@@ -80,9 +81,9 @@ class Gradients(NamedTuple):
 def in_browsers(scene: Scene) -> Scene:
     """Give a scene the colours in which a browser shows `write_svg(..., fallback=True)`.
 
-    Corner colours become the colours that the gradients can produce. Antialiasing is not modelled.
-    Textured triangles, which no browser draws, are left unchanged, and so is a scene with one
-    colour per triangle.
+    Corner colours become the colours that the gradients can produce, clipped to 0..1. Antialiasing
+    is not modelled. Textured triangles, which no browser draws, are left unchanged, and so is a
+    scene with one colour per triangle.
     """
     colors = np.asarray(scene.colors)
     if colors.shape[1] == 1:
@@ -149,10 +150,11 @@ def fit_gradients(
 def _inset(
     lines: GradientLines, low: np.ndarray, high: np.ndarray
 ) -> tuple[GradientLines, tuple[np.ndarray, np.ndarray]]:
-    """Move both ends of each line inwards by `INSET`, but not beyond its middle.
+    """Move both ends of each line inwards by `INSET` pixels, but not beyond its middle.
 
-    `low` and `high` are the colours at the old start and end. Returns the shorter lines, and the
-    colours at their starts and ends.
+    `low` and `high` are the colours at the old start and end, `[triangles, channels]`. Returns the
+    shorter lines, and the colours at their starts and ends. The fields `low` and `high` of the
+    lines stay as they were.
     """
     line_vector = lines.end - lines.start
     length = np.sqrt((line_vector**2).sum(axis=1, keepdims=True))
@@ -175,7 +177,8 @@ def hard_light(
 def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
     """The colours that add `difference` to `backdrop` when `hard_light` blends them over it.
 
-    The colours are clamped to 0..1, so large differences are added only in part.
+    `backdrop` is in 0..1, and `difference` may have either sign. The colours are clamped to 0..1,
+    so large differences are added only in part.
     """
     largest = np.where(difference < 0, backdrop, 1.0 - backdrop)
     return np.clip(0.5 + 0.5 * difference / np.maximum(largest, 1 / 255), 0.0, 1.0)
@@ -184,7 +187,10 @@ def _hard_light_source(difference: np.ndarray, backdrop: np.ndarray) -> np.ndarr
 def _gradient_lines(
     corners: Float[np.ndarray, "triangles 3 2"], values: Float[np.ndarray, "triangles 3"]
 ) -> GradientLines:
-    """Find the line of the affine function with these `values` at the corners of each triangle."""
+    """Find the line of the affine function with these `values` at the corners of each triangle.
+
+    `corners` are in pixels. The line begins at the corner with the least value.
+    """
     lowest, low, high = values.argmin(axis=1), values.min(axis=1), values.max(axis=1)
     (ux, uy), (vx, vy) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
     du, dv = (values[:, k] - values[:, 0] for k in (1, 2))

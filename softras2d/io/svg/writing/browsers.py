@@ -62,7 +62,10 @@ def elements_for_browsers(
     height: int,
     width: int,
 ) -> Elements:
-    """Make the elements that let browsers show triangles on a `height` x `width` canvas.
+    """Make the elements that let browsers show triangles on a `height` x `width` canvas, in pixels.
+
+    They are paths with gradients; lines along shared edges, which hide gaps between opaque
+    triangles (`seams.py`); and a style sheet for blend modes.
 
     - `corners`: corners of the triangles in pixels, in draw order.
     - `colors`: sRGB, one per triangle or per corner, with 3 or 4 channels.
@@ -194,7 +197,7 @@ def _stop_attributes(colors: Float[np.ndarray, "stops channels"]) -> list[str]:
 
 
 def _hex_colors(colors: Float[np.ndarray, "colors channels"]) -> list[str]:
-    """Each colour, clipped to 0..1 and rounded to 8 bits, as `#rrggbb`. Alpha is left out."""
+    """The text `#rrggbb` of each colour, clipped to 0..1 and rounded to 8 bits, without alpha."""
     levels = np.rint(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.int64)
     return [f"#{code:06x}" for code in (levels @ np.array([65536, 256, 1])).tolist()]
 

@@ -32,6 +32,9 @@ def compact_elements(
 ) -> list[str]:
     """Make the elements of flat triangles; triangles of one colour share an element where possible.
 
+    A triangle joins an earlier one only if no triangle drawn between them may touch it, so that the
+    image stays the same.
+
     - `corners`: in pixels, in draw order.
     - `colors`: one per triangle, with 3 or 4 channels.
     - `digits`: decimals to which coordinates are rounded.
@@ -67,7 +70,7 @@ def short_elements(
 def _cross(
     a: Int[np.ndarray, "triangles 2"], b: Int[np.ndarray, "triangles 2"]
 ) -> Int[np.ndarray, " triangles"]:
-    """Cross product of each pair of vectors."""
+    """Cross product x_a y_b - y_a x_b of each pair of vectors (x, y)."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
@@ -84,10 +87,10 @@ def _paint(color: Float[np.ndarray, " channels"]) -> str:
 def _group_by_paint(
     units: Int[np.ndarray, "triangles 3 2"], paints: list[str], visible: Int[np.ndarray, " visible"]
 ) -> list[_Group]:
-    """Put each triangle into the last group of its paint, or into a new group.
+    """Put each triangle into the last group of its paint, or into a new group at the end.
 
     A new group is made if there is none, and if the bounding box of the triangle touches a box in a
-    later group, whose triangle would otherwise be drawn over it.
+    later group, whose triangle would otherwise be drawn over it. Returns the groups in draw order.
 
     - `units`: corners of all triangles, in units of 10^-digits pixels.
     - `paints`: attributes that give the colour of each triangle.
@@ -122,7 +125,8 @@ def _element(group: _Group, units: Int[np.ndarray, "triangles 3 2"], digits: int
     """The text of the element that draws the triangles of a group.
 
     Opaque triangles are one `<path>`. Translucent ones are a `<g>` with a path each, because
-    overlaps within one path would be painted only once. `units` are the corners of all triangles.
+    overlaps within one path would be painted only once. `units` are the corners of the triangles of
+    all groups, in units of 10^-digits pixels.
     """
     paths = [triangle_path(units[triangle], digits) for triangle in group.triangles]
     if "opacity" in group.paint and len(paths) > 1:

@@ -25,14 +25,16 @@ def write_svg_film(
 ) -> None:
     """Write the scenes of a film, such as the results of `fit_frames`, as an SVG that repeats.
 
-    Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations.
+    Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations. The
+    background is a `<rect>` below the triangles, which is animated too.
 
     - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
       same triangle at different times. Colours are flat: a triangle with corner colours is written
-      in their mean.
+      in their mean. Textures, depth and `inverse_w` have no effect.
     - `height`, `width`: size of the canvas, in pixels.
-    - `seconds_per_frame`: how long each frame is shown.
-    - `digits`: decimals of coordinates, 0 to 6.
+    - `seconds_per_frame`: how long each frame is shown, above 0.
+    - `digits`: decimals to which coordinates are rounded, 0 to 6. Colours are clipped to 0..1 and
+      rounded to 8 bits.
     - `smooth`: whether corners and colours change evenly from frame to frame, instead of jumping.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
@@ -92,9 +94,10 @@ def _polygon(
 
 
 def _paint_values(colors: np.ndarray) -> dict[str, list[str]]:
-    """The value of each paint attribute in each frame, from colours `[frames, 3 or 4]`.
+    """For each paint attribute, its value in each frame, from colours `[frames, 3 or 4]`.
 
-    There is a `fill-opacity` only if a frame is translucent.
+    The attributes are `fill`, and `fill-opacity` only if a frame is translucent. Colours are
+    clipped to 0..1 and rounded to 8 bits, and alpha to three decimals.
     """
     values = {"fill": [short_color(color[:3]) for color in colors]}
     if colors.shape[1] == 4 and (colors[:, 3] < 1).any():
@@ -106,7 +109,9 @@ def _paint_values(colors: np.ndarray) -> dict[str, list[str]]:
 def _shape(
     name: str, fixed_attributes: list[str], values: dict[str, list[str]], timing: str
 ) -> str:
-    """An element with the attributes of the first frame, and animations of those that change.
+    """The text of an element with the attributes of the first frame, and animations of the changes.
+
+    An attribute that is equal in all frames is not animated.
 
     - `name`: name of the element.
     - `fixed_attributes`: attributes that do not change, as text.

@@ -74,7 +74,8 @@ def tiles_canvas(points: Float32[np.ndarray, "triangles 3 2"], height: int, widt
     coincides with exactly one other side, which has the opposite direction once all triangles have
     the same orientation. Every other side lies on the border of the canvas. The areas of the
     triangles sum to the area of the canvas. The number of triangles that cover a point can then
-    change only at the border. False for no triangles, and if one has zero area.
+    change only at the border. False for no triangles, and if one has zero area. Rounding is allowed
+    for: areas may differ by 1e-5 of the canvas, and sides on the border by 1e-3 pixels.
     """
     if len(points) == 0:
         return False
@@ -96,7 +97,10 @@ def tiles_canvas(points: Float32[np.ndarray, "triangles 3 2"], height: int, widt
 
 
 def shares_edge(points: Float32[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray, " triangles"]:
-    """Whether each triangle shares an edge with another one."""
+    """Whether each triangle shares an edge with another one.
+
+    `points` are the corners, in any unit. A shared edge has the same two ends in both triangles.
+    """
     edges = find_edges(points)
     return np.asarray((edges.count[edges.edge_of_side] > 1).any(axis=1))
 
@@ -105,6 +109,9 @@ def seams(
     points: Float32[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
 ) -> dict[int, str]:
     """Make a `<g>` of seam lines for each connected component of a mesh of opaque triangles.
+
+    A seam line runs along an edge that triangles share, in the colour of the first of them. Drawn
+    below the triangles, it hides the gap that antialiasing leaves between them.
 
     - `points`: corners of the triangles, in draw order.
     - `coordinates`: the same corners as text, `[triangles, 3, 2]`.

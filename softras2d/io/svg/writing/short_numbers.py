@@ -26,7 +26,7 @@ def unit_text(units: int, digits: int) -> str:
 
 
 def join_numbers(numbers: list[str]) -> str:
-    """Join the texts of numbers as in path data, with a blank between two numbers.
+    """Join the texts of numbers to one text for path data, with a blank between two numbers.
 
     There is no blank before a negative number, as its sign separates it.
     """
@@ -38,7 +38,8 @@ def join_numbers(numbers: list[str]) -> str:
 def triangle_path(corners: Int[np.ndarray, "3 2"], digits: int) -> str:
     """Path data of a closed triangle, whose corners are in units of 10^-digits pixels.
 
-    The first corner is absolute; each other one is relative to the one before.
+    The data is in pixels, like `M1 .5l2 0 0 3z`. The first corner is absolute; each other one is
+    relative to the one before.
     """
     offsets = np.diff(corners, axis=0).ravel().tolist()
     first_corner = join_numbers([unit_text(units, digits) for units in corners[0].tolist()])
@@ -46,6 +47,9 @@ def triangle_path(corners: Int[np.ndarray, "3 2"], digits: int) -> str:
 
 
 def short_color(color: Float[np.ndarray, "3"]) -> str:
-    """An RGB colour, clipped to 0..1 and rounded to 8 bits, as `#rgb` if exact, else `#rrggbb`."""
+    """An RGB colour, clipped to 0..1 and rounded to 8 bits, as CSS.
+
+    The text is `#rgb` if both hex digits of every channel are equal, else `#rrggbb`.
+    """
     text = "".join(f"{level:02x}" for level in np.rint(np.clip(color, 0, 1) * 255).astype(int))
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"

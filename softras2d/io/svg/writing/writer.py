@@ -39,7 +39,8 @@ def write_svg(
 
     `SvgControls` are written as the file from which they were read, with their `points` in place of
     the control points of the file. `height`, `width` and `fallback` must then be left out, and
-    `digits` has no effect. The rest of this text is about a `Scene`.
+    `digits` has no effect. The rest of this text is about a `Scene`, for which `height` and `width`
+    must be given, in pixels.
 
     - A triangle whose corners have equal colours becomes a `<polygon>` without stroke. Its fill is
       `rgb(p% p% p%)`, or `color(srgb r g b)` for colours outside 0..1; its alpha is `fill-opacity`.
@@ -54,15 +55,15 @@ def write_svg(
     first exceeds 8/255 (`browser_gradients.VISIBLE`). `in_browsers` gives the scene that browsers
     then show.
 
-    `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, and colours
-    to 8 bits. Flat triangles then become paths with relative coordinates. Triangles of one colour
-    share a path, unless another triangle that is drawn between them may touch them; `read_svg` may
-    cut such a path into other triangles. If the file has seam lines, corner colours or textures,
-    each triangle is still an element.
+    `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, colours to 8
+    bits, and alpha to 1/1000. Flat triangles then become paths with relative coordinates. Triangles
+    without area may be left out. Triangles of one colour share a path, unless another triangle that
+    is drawn between them may touch them; `read_svg` may cut such a path into other triangles. If
+    the file has seam lines, corner colours or textures, each triangle is still an element.
 
-    Antialiasing in browsers lets the background show between triangles that share an edge. Lines
-    in the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas,
-    a style sheet also makes browsers add up their coverage (`seams.py`). Elements that are for
+    Antialiasing in browsers lets the background show between triangles that share an edge. Lines in
+    the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas, a
+    style sheet also makes browsers add up their coverage (`seams.py`). Elements that are for
     browsers alone have the attribute `data-fallback`, or lie in an element that has it, and both
     dialects of `read_svg` skip them.
 
@@ -73,9 +74,9 @@ def write_svg(
     since an SVG has no background.
 
     Files are written completely or not at all. Raises `ValueError`, and writes nothing, for a batch
-    of scenes, for values that are not finite in float32, and for what SVG cannot represent:
-    `depth`, `inverse_w`, textured triangles that are not white, textures that do not clamp or have
-    addressing other than `"half_texel"`, and texels outside 0..1.
+    of scenes, for values that are not finite in float32, for a folder that does not exist, and for
+    what SVG cannot represent: `depth`, `inverse_w`, textured triangles that are not white, textures
+    that do not clamp or have addressing other than `"half_texel"`, and texels outside 0..1.
     """
     path = Path(path)
     if isinstance(scene, SvgControls):
@@ -148,7 +149,10 @@ def _check_textures(scene: Scene, textures: TexturePyramid) -> None:
 
 
 def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
-    """The `<rect>` of the background; no element for white, which `read_svg` assumes."""
+    """The `<rect>` of the background in a list; no element for opaque white.
+
+    `read_svg` assumes white. The rect covers the canvas of `height` x `width` pixels.
+    """
     background = _float32(scene.background)
     if (background == 1).all():
         return []
@@ -159,7 +163,10 @@ def _background_elements(scene: Scene, height: int, width: int) -> list[str]:
 def _triangle_elements(
     scene: Scene, fallback: bool, height: int, width: int, digits: int | None
 ) -> list[str]:
-    """The elements of all triangles as text, in draw order, with those for browsers around them."""
+    """The elements of all triangles as text, in draw order, with those for browsers around them.
+
+    The arguments are as for `write_svg`.
+    """
     colors = _float32(scene.colors)
     corners = _float32(scene.positions)[np.asarray(scene.triangles)]
     if digits is not None:
@@ -196,7 +203,7 @@ def _triangle_elements(
 def _round_colors(
     colors: Float32[np.ndarray, "triangles corners channels"],
 ) -> Float32[np.ndarray, "triangles corners channels"]:
-    """Round colours to multiples of 1/255, and their alpha to multiples of 1/1000."""
+    """Round colours to multiples of 1/255, and alpha, if there is one, to multiples of 1/1000."""
     levels = np.array([255, 255, 255, 1000], np.float32)[: colors.shape[-1]]
     return np.rint(colors * levels) / levels
 
@@ -204,15 +211,19 @@ def _round_colors(
 def _elements(
     template: str, points: Float32[np.ndarray, "triangles 6"], *attributes: list
 ) -> list[str]:
-    """Fill `template` with the six coordinates of each triangle, then with its attributes.
+    """Make the text of one element per triangle, by `str.format` of `template`.
 
-    Each of `attributes` is a list with one text or number per triangle.
+    The template is filled with the six coordinates of the triangle, as shortest decimals, and then
+    with its attributes. Each of `attributes` is a list with one text or number per triangle.
     """
     return list(map(template.format, *_shortest(points).T, *attributes))
 
 
 def _number_lists(values: Float32[np.ndarray, "triangles *shape"]) -> list[str]:
-    """For each triangle, all of its numbers as one text, with blanks between them."""
+    """For each triangle, all of its numbers as shortest decimals in one text, with blanks between.
+
+    Numbers are in the order of the array.
+    """
     count = int(np.prod(values.shape[1:]))
     return list(map(" ".join, _shortest(values.reshape(-1, count)).tolist()))
 
@@ -220,13 +231,16 @@ def _number_lists(values: Float32[np.ndarray, "triangles *shape"]) -> list[str]:
 def _with_alpha(
     colors: Float32[np.ndarray, "triangles colors channels"],
 ) -> Float32[np.ndarray, "triangles colors 4"]:
-    """Append an alpha of 1 to colours of three channels."""
+    """Append an alpha of 1 to colours of three channels; those of four are returned unchanged."""
     alpha = np.ones((*colors.shape[:2], 4 - colors.shape[2]), np.float32)
     return np.concatenate([colors, alpha], axis=-1)
 
 
 def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[str]:
-    """For each colour of 3 or 4 channels, the attributes that fill an element with it, as text."""
+    """For each colour of 3 or 4 channels, the attributes that fill an element with it, as text.
+
+    They are `fill`, and `fill-opacity` if alpha is not 1. No number is rounded.
+    """
     rgb = colors[:, :3]
     fills = list(map('fill="rgb({}% {}% {}%)"'.format, *_percent(rgb).T))
     # `rgb()` would clip colours outside 0..1 (CSS Color 4).
@@ -242,7 +256,7 @@ def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[st
 
 
 def _float32(value: object) -> np.ndarray:
-    """Convert an array to float32 on the host."""
+    """Convert an array to float32 on the host; numbers beyond float32 become infinite."""
     # Numbers beyond float32 become infinite, which `_check` reports.
     with np.errstate(over="ignore"):
         return np.asarray(value).astype(np.float32)
@@ -258,9 +272,10 @@ def _shortest(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
 
 
 def _percent(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
-    """Strings of 100 times each value, such that float32(percent / 100) is the value again.
+    """Decimals of 100 times each value, as an array of strings of the same shape.
 
-    The shortest decimal of a float32 has at most nine digits, and so has 100 times that decimal.
+    Each string p satisfies float32(p / 100) = value, where the division is in float64. The shortest
+    decimal of a float32 has at most nine digits, and so has 100 times that decimal.
     """
     shortest = values.astype(str).astype(np.float64).ravel() * 100.0
     texts = [f"{percent:.10g}" for percent in shortest.tolist()]
@@ -275,7 +290,8 @@ def _percent(values: Float32[np.ndarray, "*shape"]) -> np.ndarray:
 def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
     """The base level of each texture, `[height, width, 3 or 4]`, by the name of its file.
 
-    Values are in 0..1 with straight alpha. `stem` is the name of the SVG file without its suffix.
+    Values are in 0..1 with straight alpha. `stem` is the name of the SVG file without its suffix;
+    texture k gets the name `STEM_texturek.png`.
     """
     texels, images = np.asarray(textures.texels), {}
     for index, (offset, height, width) in enumerate(np.asarray(textures.levels)[:, 0].tolist()):
@@ -285,7 +301,11 @@ def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
-    """Write a texture in 0..1 as PNG, with 8 bits per channel if that is exact, else with 16."""
+    """Write a texture in 0..1 as PNG, with 8 bits per channel if that is exact, else with 16.
+
+    `image` is `[height, width, 3 or 4]` with straight alpha. Raises `ValueError` if the file cannot
+    be written.
+    """
     # Imported here, since scenes without textures need no image library.
     import OpenImageIO as oiio
 

@@ -134,8 +134,8 @@ def load(path: str | os.PathLike[str]) -> Document:
 def from_text(text: str | bytes, name: str) -> Document:
     """Make a document of its text, which belongs to no folder; errors call the document `name`.
 
-    Bytes may be compressed (`.svgz`). Raises `SvgError` for a document that is too large, or that cannot be
-    decompressed.
+    Bytes may be compressed (`.svgz`). Raises `SvgError` for a document that is too large, or that
+    cannot be decompressed.
     """
     return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
 

@@ -114,8 +114,8 @@ class Element:
 def read_tree(document: Document, budget: Budget) -> Element:
     """Parse a document as a tree; returns its root, which is `<svg>`.
 
-    Its attributes and elements are charged to `budget`. Raises `SvgError` as `walk` does, for a root that is not `<svg>`, and for more elements than the
-    budget allows.
+    Its attributes and elements are charged to `budget`. Raises `SvgError` as `walk` does, for a
+    root that is not `<svg>`, and for more elements than the budget allows.
     """
     builder = _TreeBuilder(budget)
     walk(document, builder, budget, with_text=True)
