@@ -72,7 +72,7 @@ def write_animation(
 
 
 def _hundredths(name: str, seconds: float, least: int) -> int:
-    """Convert seconds to whole hundredths of a second.
+    """Round seconds to whole hundredths of a second.
 
     Raises `ValueError`, which calls the argument `name`, for less than `least` hundredths and for
     more than `gif.MAX_DELAY` hundredths.

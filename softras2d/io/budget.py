@@ -23,7 +23,7 @@ Without such defaults, a document of 64 MB, the largest that is read, cannot con
 MAX_ELEMENTS = 2**21
 """Elements of a document in dialect `svg`.
 
-Each is charged twice: when it is parsed and when it is drawn.
+Each is charged twice, when it is parsed and when it is drawn, so twice as many charges are allowed.
 """
 
 MAX_COPIES = 2**17
@@ -36,7 +36,10 @@ MAX_DEFAULTS = 256
 """Attribute defaults that a DTD may declare. A default is added to every element of one name."""
 
 MAX_POINTS = 2**22
-"""Points of all polygons, polylines, lines and outlines together."""
+"""Points of all polygons, polylines, lines and outlines of strokes together.
+
+The points of a path count when it is flattened, and again when it is filled or stroked.
+"""
 
 MAX_TRIANGLES = 2**21
 """Triangles of the scene. For a translucent stroke, the triangles before `union` are counted."""
@@ -119,7 +122,10 @@ class BudgetError(ValueError):
 
 
 class Budget:
-    """Counts the work that one drawing has needed so far, by kind of work."""
+    """Counts the work that one drawing has needed so far, by kind of work, up to a limit for each.
+
+    The kinds are the keys of `_LIMITS`, such as `"triangles"`.
+    """
 
     def __init__(self):
         self._charged = dict.fromkeys(_LIMITS, 0)
@@ -153,8 +159,8 @@ class Budget:
         - `counts`: number of units for each shape.
         - `indices`: indices of the shapes, for errors; by default they are numbered from 0.
 
-        If the total exceeds the limit, raises `BudgetError` with the index of the first shape that
-        does not fit.
+        If the total, with what has been charged before, exceeds the limit, raises `BudgetError`
+        with the index of the first shape that does not fit.
         """
         # Counts of hostile files may overflow integers. float64 is precise enough to compare them.
         totals = np.cumsum(counts, dtype=np.float64) + self._charged[kind]

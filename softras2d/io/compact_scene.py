@@ -65,7 +65,7 @@ def write_compact(
 ) -> int:
     """Write a scene as a compact binary file; return the size of the file in bytes.
 
-    - `height`, `width`: size of the canvas, in pixels.
+    - `height`, `width`: size of the canvas, in pixels, which is stored too.
     - `steps_per_pixel`: 1 to 1024. Positions are rounded to multiples of 1 / `steps_per_pixel`
       pixels.
 
@@ -110,7 +110,8 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
 def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:
     """Make the bytes of a file, as the top of this module describes them.
 
-    Raises `ValueError` for positions that are not finite, or 2^30 steps or more from the origin.
+    The arguments are as for `write_compact`. Raises `ValueError` for positions that are not finite,
+    or 2^30 steps or more from the origin.
     """
     positions = np.rint(np.asarray(scene.positions, np.float64) * steps_per_pixel)
     if not (np.abs(positions) < 2**30).all():
@@ -137,7 +138,7 @@ def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> byte
 
 
 def _decode(data: bytes) -> CompactScene:
-    """Read the scene from the bytes of a file.
+    """Read the scene and the size of its canvas from the bytes of a file.
 
     Raises `ValueError`, `struct.error` or `zlib.error` if they are not a complete, valid file.
     """
@@ -179,7 +180,7 @@ def _decode(data: bytes) -> CompactScene:
 
 
 def _levels(colors: np.ndarray) -> UInt8[np.ndarray, "*shape"]:
-    """Clip colours to 0..1 and round them to 8 bits, 0 to 255."""
+    """Clip colours to 0..1 and round them to levels of 8 bits: level k, 0 to 255, means k/255."""
     return np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
 
@@ -189,9 +190,10 @@ def _differences(rows: Int[np.ndarray, "rows numbers"]) -> Int[np.ndarray, "rows
 
 
 def _encode_integers(integers: Int[np.ndarray, "..."]) -> bytes:
-    """Encode integers of 32 bits, by the zigzag code that the top of this module describes.
+    """Encode integers of 32 bits: an integer n becomes 2n if it is not negative, else -2n - 1.
 
-    The lowest byte of each integer comes first, then the second byte of each, and so on.
+    The array is flattened. The lowest byte of each integer comes first, then the second byte of
+    each, and so on, four bytes for each integer.
     """
     # Zigzag: small negative numbers become small positive ones, with zeros in their high bytes.
     zigzag = (np.abs(integers) * 2 - (integers < 0)).astype("<u4")

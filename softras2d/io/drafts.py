@@ -43,7 +43,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def _prefix(path: Path) -> str:
-    """Start of the names of all drafts of `path`.
+    """Start of the names of all drafts of `path`; the draft's process and a random number follow.
 
     The prefix differs between machines that share a folder.
     """
@@ -53,7 +53,10 @@ def _prefix(path: Path) -> str:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove the drafts of `path` whose processes no longer run."""
+    """Remove the drafts of `path` whose processes on this machine no longer run.
+
+    Nothing is done on systems other than POSIX. Files that cannot be removed are left.
+    """
     # On other systems, `os.kill` with signal 0 would end the process.
     if os.name != "posix":
         return

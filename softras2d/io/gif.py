@@ -29,7 +29,7 @@ _MAX_CODE = 4095
 
 
 def header(height: int, width: int) -> bytes:
-    """The bytes before the first frame of an animation, whose size is in pixels.
+    """The bytes before the first frame of an animation of `height` x `width` pixels.
 
     They request that the animation is repeated endlessly.
     """
@@ -65,6 +65,8 @@ def frame(
 
 def _lzw(data: bytes) -> bytes:
     """Compress one or more 8-bit values by LZW, into codes of 9 to 12 bits, low bits first.
+
+    The codes begin with `_CLEAR` and end with `_END`. The last byte is filled up with zeros.
 
     **Source:** GIF 89a, appendix F.
     """

@@ -21,9 +21,10 @@ Keys are bytes 4 to 11 of a file in the format.
 
 
 def unreadable_message(name: str, path: Path) -> str:
-    """Make the error message about the file `path`, which OpenImageIO has just failed to open.
+    """Return the error message about the file `path`, which OpenImageIO has just failed to open.
 
-    The message calls the file `name`. For HEIC and AVIF, it says to convert the file first.
+    The message calls the file `name`. It has OpenImageIO's reason. For HEIC and AVIF, it says
+    instead to convert the file first.
     """
     reason = reason_text(oiio.geterror(), path)
     with path.open("rb") as file:

@@ -14,9 +14,9 @@ from .image_errors import reason_text
 
 
 def check_free_space(draft: Path, path: Path, size: int) -> None:
-    """Raise `ValueError`, which names `path`, unless the disk of `draft` has `size` bytes free.
+    """Raise `ValueError`, which names `path`, unless the disk of `draft` has enough space.
 
-    64 KiB are required in addition, for headers.
+    Enough are `size` bytes, and 64 KiB for headers.
     """
     # The JPEG library terminates the process if the disk is full.
     if shutil.disk_usage(draft.parent).free < size + 2**16:
@@ -28,7 +28,9 @@ def check_free_space(draft: Path, path: Path, size: int) -> None:
 def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
     """Make OpenImageIO's `ImageSpec` for writing an image in the format of the suffix of `draft`.
 
-    `shape` is `(height, width, channels)`; `dtype` is float32 or an unsigned integer type.
+    `shape` is `(height, width, channels)`; `dtype` is float32 or an unsigned integer type. Alpha is
+    premultiplied in an EXR and straight in other formats. A JPEG has quality 95, without chroma
+    subsampling.
     """
     height, width, channels = shape
     spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
@@ -45,7 +47,8 @@ def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
 def open_output(draft: Path, path: Path, spec: Any) -> Any:
     """Open `draft` for writing an image; returns OpenImageIO's `ImageOutput`.
 
-    Raises `ValueError`, whose message names `path`, not `draft`.
+    `spec` is a result of `image_spec`. Raises `ValueError`, whose message names `path`, not
+    `draft`.
     """
     target = oiio.ImageOutput.create(str(draft))
     if target is None:
@@ -66,7 +69,7 @@ def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None
 
 
 def _is_complete(draft: Path) -> bool:
-    """Whether a PNG is complete; True for other formats.
+    """Whether a PNG ends with its last chunk, `IEND`; True for other formats.
 
     OpenImageIO does not report a full disk while it writes a PNG.
     """

@@ -1,4 +1,7 @@
-"""Writes an image file window by window, and holds at most one row of windows in memory."""
+"""Writes an image file window by window, and holds at most one row of windows in memory.
+
+Windows are the squares of a grid into which the image is cut.
+"""
 
 import math
 from pathlib import Path
@@ -28,10 +31,10 @@ def check_stream(path: Path) -> None:
 
 
 class ImageStream:
-    """An image file that is written window by window.
+    """An image file that is written window by window, where the windows form a square grid.
 
     - `draft`: path of the file that is written. Its suffix chooses the format.
-    - `path`: what errors call the file.
+    - `path`: what errors call the file; a path with the same suffix.
     - `shape`: `(height, width, channels)` of the image.
     - `tile`: side of a window in pixels. Windows at the right and lower borders may be smaller.
     - `linear`, `truncate`: as in `write_image`.
@@ -74,7 +77,11 @@ class ImageStream:
         return self
 
     def write(self, x: int, y: int, image: np.ndarray) -> None:
-        """Write a window of floats `[height, width, channels]`, whose top left pixel is (x, y)."""
+        """Write a window of floats `[height, width, channels]`, whose top left pixel is (x, y).
+
+        x is its column and y its row in the image. The values are as for `write_image`. Raises
+        `ValueError` for values that are not finite, and if the disk is full.
+        """
         pixels = as_pixels(str(self._path), image)
         pixels = stored_pixels(self._path, pixels, linear=self._linear, truncate=self._truncate)
         height, width = pixels.shape[:2]
@@ -105,10 +112,10 @@ class ImageStream:
             self._output.close()
 
     def _check(self, size: int) -> None:
-        """Raise `ValueError` unless the disk has `size` bytes free."""
+        """Raise `ValueError` unless the disk has `size` bytes free, and 64 KiB more."""
         check_free_space(self._draft, self._path, size)
 
     def _fail_unless(self, is_written: bool) -> None:
-        """Raise `ValueError` with OpenImageIO's message unless `is_written` is true."""
+        """Close the file and raise `ValueError` with OpenImageIO's message unless `is_written`."""
         if not is_written:
             close_output(self._output, self._draft, self._path, False)

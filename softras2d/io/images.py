@@ -3,8 +3,8 @@
 In memory an image is `[height, width, channels]`, float32, with straight alpha. Its values are
 sRGB, or linear light with `linear=True`. What the numbers in a file mean depends on its format:
 
-- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha, except in a TIFF
-  that declares premultiplied alpha;
+- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha, except that a TIFF
+  with alpha is premultiplied unless it declares straight alpha;
 - float pixels (EXR, float TIFF, HDR) are linear light, and EXR colours are premultiplied.
 
 Reading therefore decodes integer pixels to linear light if `linear=True`, and encodes float pixels
@@ -50,7 +50,8 @@ def read_image(
     """Read an image file as RGB, or as RGBA with straight alpha; grey is repeated to RGB.
 
     Integers become k/255 (8 bits) or k/65535 (16 bits), correctly rounded. Values are linear light
-    if `linear=True`, else sRGB. The EXIF orientation is applied. If the file has several images,
+    if `linear=True`, else sRGB; integer pixels are taken to be sRGB, and float pixels, which may
+    lie outside 0..1, linear light. The EXIF orientation is applied. If the file has several images,
     the first is read. Raises `ValueError`, one line, if the file is missing, damaged or not an
     image, for NaN and infinity, and for an image of more than `MAX_IMAGE_BYTES`, 1 GiB.
     """
@@ -117,12 +118,13 @@ def write_image(
 ) -> None:
     """Write floats `[height, width, 1, 3 or 4]` as PNG, JPEG or TIFF (8 bits) or EXR (float32).
 
-    The suffix of `path` chooses the format. In 8-bit files, values are clipped to 0..1 and rounded
-    to the nearest k/255. `truncate=True` takes floor(255 x) in float32 instead, as the rasterizer
-    course does, which also preserves every k/255. `linear=True` means that the values are linear
-    light instead of sRGB. The file is written completely or not at all. Raises `ValueError`, one
-    line, for NaN and infinity, another shape or dtype, alpha in a JPEG, an unknown suffix, or a
-    folder that does not exist.
+    The suffix of `path` chooses the format. Alpha, the fourth channel, is straight. In 8-bit files,
+    values are clipped to 0..1 and rounded to the nearest k/255. `truncate=True` takes floor(255 x)
+    in float32 instead, as the rasterizer course does, which also preserves every k/255.
+    `linear=True` means that the values are linear light instead of sRGB. An EXR stores linear
+    light, not clipped; the other formats store sRGB. The file is written completely or not at all.
+    Raises `ValueError`, one line, for NaN and infinity, another shape or dtype, alpha in a JPEG, an
+    unknown suffix, or a folder that does not exist.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -140,8 +142,9 @@ def stored_pixels(path: Path, pixels: np.ndarray, *, linear: bool, truncate: boo
     - `pixels`: finite values with straight alpha: linear light if `linear`, else sRGB.
     - `truncate`: whether bytes are rounded down instead of to the nearest.
 
-    Returns sRGB bytes; for an EXR, premultiplied linear light in float32. Raises `ValueError` that
-    names `path` for an EXR whose values would not be finite in float32.
+    Returns sRGB bytes with straight alpha, clipped to 0..255; for an EXR, premultiplied linear
+    light in float32. Raises `ValueError` that names `path` for an EXR whose values would not be
+    finite in float32.
     """
     if path.suffix.lower() != ".exr":
         pixels = on_colors(linear_to_srgb, pixels) if linear else pixels
@@ -194,7 +197,7 @@ def _load(
 def _read_channels(
     path: Path, name: str, charge: Callable[[int], None] | None
 ) -> tuple[Float32[np.ndarray, "height width channels"], Any]:
-    """Read all channels of a file as float32, and its `ImageSpec`.
+    """Read all channels of a file as float32, and its header, OpenImageIO's `ImageSpec`.
 
     Integers become 0..1; there is no other conversion. Errors and `charge` are as in `_load`.
     """
@@ -228,7 +231,10 @@ def _read_channels(
 
 
 def _check_size(name: str, spec: Any) -> None:
-    """Raise `BudgetError` for a header that claims more than `MAX_IMAGE_BYTES`."""
+    """Raise `BudgetError`, which names the image `name`, for a header that claims too many pixels.
+
+    `spec` is the header, an `ImageSpec`. The limit is `MAX_IMAGE_BYTES` as float32.
+    """
     size = spec.width * spec.height * max(spec.depth, 1) * max(spec.nchannels, 3) * 4
     if size > MAX_IMAGE_BYTES:
         raise BudgetError(
@@ -238,7 +244,11 @@ def _check_size(name: str, spec: Any) -> None:
 
 
 def _check_png_chunks(path: Path, name: str) -> None:
-    """Raise `ValueError` for a PNG with incomplete chunks, for which libpng prints to stderr."""
+    """Raise `ValueError` for a PNG with damaged or missing chunks.
+
+    For such a file, libpng would print to stderr. Files of other formats pass. Errors call the file
+    `name`.
+    """
     with path.open("rb") as file:
         if file.read(8) != b"\x89PNG\r\n\x1a\n":
             return
@@ -255,7 +265,7 @@ def _check_png_chunks(path: Path, name: str) -> None:
 
 
 def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
-    """Select RGB or RGBA from the channels of a file, by their names.
+    """Select RGB, and A if there is one, from the channels of a file, by their names in upper case.
 
     Without channels R, G and B, the first three channels other than A are colours. If there are
     fewer than three, the first is repeated.
@@ -274,7 +284,8 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 def _is_premultiplied(path: Path, spec: Any) -> bool:
     """Whether a file's colours are premultiplied by alpha.
 
-    They are in every EXR, and in a TIFF unless it declares straight alpha.
+    They are in every EXR, and in a TIFF unless it declares straight alpha, and in no other format.
+    The format is read from the first bytes of the file. `spec` is its `ImageSpec`.
     """
     with path.open("rb") as file:
         magic = file.read(4)
@@ -301,8 +312,8 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
     """Check that an image can be written to `path`; returns it as float32.
 
-    Raises `ValueError` for what is not an image, for alpha in a JPEG, and for a folder that does
-    not exist.
+    Raises `ValueError` for what is not an image of finite floats, for alpha in a JPEG, and for a
+    folder that does not exist.
     """
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):

@@ -35,7 +35,10 @@ def check_finite(name: str, pixels: np.ndarray) -> None:
 
 
 def on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
-    """Apply `convert`, a function of arrays, to all channels except alpha, the fourth."""
+    """Apply `convert`, a function of arrays, to all channels except alpha, which is the fourth.
+
+    Images `[..., channels]` of one or three channels have no alpha. Returns a new array.
+    """
     colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
     return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
 

@@ -14,7 +14,7 @@ def names() -> tuple[str, ...]:
 
 
 def size(name: str) -> tuple[int, int]:
-    """Height and width of a bundled picture, in pixels."""
+    """Height and width of a bundled picture, in pixels; `KeyError` for an unknown name."""
     return _SIZES[name]
 
 
