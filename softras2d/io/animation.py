@@ -88,9 +88,9 @@ def _hundredths(name: str, seconds: float, least: int) -> int:
 def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
     """Check frames one by one; yields each as sRGB bytes, `[height, width, 3]`.
 
-    Raises `ValueError`, which names `path` and the index of the frame, for a frame that is not a
-    float image, too large for a GIF, or not of the same shape as the first frame; and if there is
-    no frame.
+    Values are clipped to 0..1 and rounded to k/255. Raises `ValueError`, which names `path` and the
+    index of the frame, for a frame that is not a float image, too large for a GIF, or not of the
+    same shape as the first frame; and if there is no frame.
     """
     shape = None
     for number, frame in enumerate(frames):

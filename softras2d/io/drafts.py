@@ -18,7 +18,7 @@ File systems allow 255 bytes for the complete name of a file.
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield the path of a draft beside `path`, which replaces `path` at the end of the block.
+    """Yield the path of a draft beside `path`, which replaces `path` at the end of a `with` block.
 
     The block must create the draft. If the block raises, the draft is removed and an old file at
     `path` stays as it was. `OSError` becomes a `ValueError` of one line that names `path`; no

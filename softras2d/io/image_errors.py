@@ -12,9 +12,9 @@ _UNREAD_KINDS = {
     }.items()
     for brand in brands
 }
-"""Formats of phones and browsers that OpenImageIO (3.2) is built without.
+"""Names of formats of phones and browsers that OpenImageIO (3.2) is built without.
 
-Keys are bytes 4 to 11 of a file in the format.
+Keys are bytes 4 to 11, counted from 0, of a file in the format.
 
 **Source:** ISO/IEC 23008-12 (HEIF), annex on brands; AV1 Image File Format, section on brands.
 """

@@ -46,7 +46,7 @@ def on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
 def to_bytes(
     pixels: Float32[np.ndarray, "*shape"], *, truncate: bool = False
 ) -> UInt8[np.ndarray, "*shape"]:
-    """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer.
+    """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer, 0.5 up.
 
     `truncate` rounds down instead.
     """

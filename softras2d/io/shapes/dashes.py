@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from ..budget import Budget
 
 _DOT = 1e-6
-"""Minimum length of a dash, in periods of the pattern.
+"""Minimum length of a dash, in periods of the pattern, to which shorter dashes are lengthened.
 
 The caps of a dash of length 0 would have no direction.
 """
@@ -24,7 +24,7 @@ def dashes(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each dash.
 
-    Dashes are open chains, in the order of the chain.
+    Dashes are open chains, in the order of the chain. Their ends are not smooth.
 
     - `points`: the chain.
     - `smooth`: whether each point lies inside a flattened curve.

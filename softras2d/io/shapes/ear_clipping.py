@@ -18,7 +18,10 @@ from .overlaps import FEW, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
-"""Smallest cross product of the two edges at an ear, as in the course."""
+"""Smallest cross product of the two edges at an ear, as in the course.
+
+A corner with a smaller cross product is not an ear.
+"""
 
 MAX_CLIPPED = 256
 """Maximum number of vertices for which ears are always clipped.
@@ -45,7 +48,7 @@ def clip_ears(
 
     Triangles of one contour are consecutive, in the order in which they are clipped. A contour of
     fewer than three points gives none. Raises `BudgetError`, with the index of the contour, if the
-    work exceeds `budget`.
+    work exceeds `budget`; None is a new budget with the usual limits.
 
     **Source:** Ratcliff, *Efficient polygon triangulation* (flipcode, 2000), as the course has it.
     """
@@ -116,7 +119,7 @@ def _clip(
 
     Returns, for each ear, the index of its polygon and the indices of its three vertices. Ears of
     one polygon are consecutive. A polygon is given up when none of its corners is an ear, so it may
-    have fewer than `n - 2` ears.
+    have fewer than `n - 2` ears. Raises `BudgetError` with the index of a polygon.
 
     In the body, `previous`, `corner` and `following` are three consecutive remaining vertices of
     each polygon. A pass of the loop tests one corner of every polygon.

@@ -16,7 +16,7 @@ from .overlaps import FEW, charge_crossings
 
 
 class _Edges(NamedTuple):
-    """The directed edges of all contours of a shape, from `starts` to `ends`."""
+    """The directed edges of all contours of a shape: edge k goes from `starts[k]` to `ends[k]`."""
 
     starts: Float[np.ndarray, "n 2"]
     ends: Float[np.ndarray, "n 2"]
@@ -127,7 +127,8 @@ def _faces(
     - `lengths`: the number of edges of every shape.
     - `error_indices`: for every shape, the index that a `BudgetError` about it has.
 
-    Returns the bounded faces as shapely polygons, and for each face the index of its shape.
+    Returns the bounded faces as shapely polygons, filled or not, and for each face the index of its
+    shape. Raises `BudgetError` if there are too many faces.
     """
     all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
     # Crossings of large shapes have been charged. Small shapes are processed in blocks, which

@@ -133,6 +133,8 @@ def fill_regions(
       then bent at their middles, which adds vertices.
     - `owner`: index of the shape to which each region belongs. Regions of one owner are
       consecutive, may share edges, and are either all translucent or all opaque.
+
+    Triangles of one owner are consecutive.
     """
     pieces, region = cut_large_regions(regions, np.arange(len(regions)))
     owner, translucent = owner[region], translucent[region]
@@ -157,7 +159,8 @@ def _bend_inner_edges(
 
     An inner edge is one that two triangles of the same `owner` share. A triangle with inner edges
     becomes a polygon of four to six vertices, which `fan_inside` cuts again. Returns the new
-    triangles, and for each its owner.
+    triangles, which are not in the order of the old ones, and for each its owner. Triangles without
+    inner edges are returned unchanged.
     """
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     # The two triangles of an edge list its ends in opposite order, so the ends are sorted.

@@ -98,9 +98,10 @@ def _halves(piece: Any) -> list[Any]:
 
 
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:
-    """Clip a polygon to each of `boxes` by `clip_by_rect`; returns the polygons.
+    """Clip a polygon to each of `boxes` by `clip_by_rect`; returns all parts in one array.
 
-    Returns None if clipping has changed the total area.
+    The boxes together contain the polygon, and do not overlap. Returns None if clipping has changed
+    the total area, apart from rounding, because then the result is wrong.
     """
     halves: Any = [shapely.clip_by_rect(piece, *shapely.bounds(box)) for box in boxes]
     area = float(shapely.area(piece))

@@ -88,7 +88,10 @@ class CourseReader:
             self._context.elements[tag] += 1
 
     def close(self) -> None:
-        """Leave a group or the root. At the end of the root, draw the frame if `context.frame`."""
+        """Leave a group or the root. At the end of the root, draw the frame if `context.frame`.
+
+        The frame is the black outline of the drawing.
+        """
         map3 = self._maps.pop()
         if not self._maps and self._context.frame:
             self._frame(map3)
@@ -181,7 +184,8 @@ class CourseReader:
     def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
         """Draw pixel lines around corners `[n, 2]`, in pixels, if the attribute `stroke` exists.
 
-        The value `none` is black, like any text without hex digits.
+        The last corner is joined to the first. The value `none` is black, like any text without hex
+        digits.
         """
         if "stroke" in attributes and len(corners):
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
@@ -355,10 +359,11 @@ def _merge_runs(
     columns: Float[np.ndarray, " columns"],
     colors: Float[np.ndarray, "rows columns 3"],
 ) -> tuple[Float[np.ndarray, "rectangles 4"], Float[np.ndarray, "rectangles 3"]]:
-    """Merge runs of equal colour in each row of pixels into rectangles.
+    """Merge runs of equal colour in each row of pixels into rectangles one pixel high.
 
-    `rows` and `columns` are the coordinates of the pixels, and `colors` their RGB. Returns the
-    rectangles as (x0, y0, x1, y1) in pixels, and the RGB of each.
+    `rows` and `columns` are the y and x of the pixels, as whole numbers, and `colors` their RGB.
+    Returns the rectangles as (x0, y0, x1, y1) in pixels, with x1 and y1 exclusive, and the RGB of
+    each.
     """
     starts_run = np.ones(colors.shape[:2], bool)
     starts_run[:, 1:] = (colors[:, 1:] != colors[:, :-1]).any(axis=-1)

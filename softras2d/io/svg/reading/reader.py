@@ -163,8 +163,8 @@ def parse_svg(
     """Read the text of an SVG file as a scene, like `read_svg`.
 
     - `name`: what errors and warnings call the document.
-    - `assets`: folder to which names of image files are relative; without it, no image file is
-      read.
+    - `assets`: folder to which names of image files are relative, and outside of which none is
+      read. Without it, only images in `data:` URIs are read.
 
     The other arguments are as in `read_svg`.
     """

@@ -239,7 +239,8 @@ def _with_alpha(
 def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[str]:
     """For each colour of 3 or 4 channels, the attributes that fill an element with it, as text.
 
-    They are `fill`, and `fill-opacity` if alpha is not 1. No number is rounded.
+    They are `fill`, and `fill-opacity` if alpha is not 1. All numbers are read back as the same
+    float32.
     """
     rgb = colors[:, :3]
     fills = list(map('fill="rgb({}% {}% {}%)"'.format, *_percent(rgb).T))

@@ -56,7 +56,13 @@ class Document(NamedTuple):
 
 
 class Children(enum.Enum):
-    """How `walk` treats the children of an element."""
+    """How `walk` treats the children of an element.
+
+    - `READ`: like any element: they are passed to `Reader.open`, and `Reader.close` follows.
+    - `NAMED`: direct children are passed to `Reader.inside` alone, and what they contain is
+      ignored.
+    - `SKIPPED`: nothing inside the element is passed on.
+    """
 
     READ = "opened and closed like any element"
     NAMED = "not opened; direct children are passed to `Reader.inside`"
@@ -208,8 +214,8 @@ def walk(
       `reader` must then be a `TextReader`.
 
     Raises `SvgError`, one line with name, line number and message, for errors in the XML, for
-    elements nested deeper than `MAX_DEPTH`, for a `ValueError` or library error of `reader`, and
-    for work beyond the budget.
+    elements nested deeper than `MAX_DEPTH`, for a `ValueError` or library error of `reader.open` or
+    `reader.inside`, and for work beyond the budget.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()

@@ -46,7 +46,8 @@ def kind_of_refused(value: str) -> str:
 class _Cause(NamedTuple):
     """The kind, element and attribute of a notice. Notices of the same cause are counted together.
 
-    `element` is the tag of the element, so that elements of one name share a cause.
+    `element` is the tag of the element, so that elements of one name share a cause. `attribute` is
+    None if the element itself is the cause.
     """
 
     kind: str
