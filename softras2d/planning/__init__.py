@@ -1,1 +1,1 @@
-"""This stage chooses on the host the capacities of a render, and simplifies and pads scenes."""
+"""This stage chooses array sizes of a render on the host, and simplifies and pads scenes."""

@@ -2,7 +2,8 @@
 
 Arrays of a compiled program have fixed lengths. The lengths that concrete scenes need are counted
 (`list_counts`), increased by a headroom, and rounded up to a size class. A *size class* in this
-file is one of the few lengths that a list may have, as `Headroom` says.
+file is one of the few lengths that a list may have, as `Headroom` says. A *slot* holds one triangle
+in the list of one tile, or is empty, and a *chunk* is a few slots of one tile (`binning.lists`).
 
 Every distinct set of capacities is compiled as a program of its own. Scenes of one kind should need
 few sets, however many triangles they have. So the number of slots in all chunks, on which most of
@@ -27,17 +28,22 @@ from .list_counts import Counts
 class Capacity(NamedTuple):
     """Capacities, in entries, of the lists whose lengths depend on the values of a scene.
 
+    Each tile has a list of triangles, which is cut into chunks of a few slots. A slot holds one
+    triangle in one tile, or is empty.
+
     - `strips`: pairs of a triangle and a row of tiles.
     - `pairs`: pairs of a triangle and a tile.
     - `slots_per_chunk`: slots of one chunk, a choice of the plan and not the length of a list.
     - `chunks`: chunks of all tiles together.
     - `max_chunks`: upper bound on the chunks of any one tile.
     - `steps`: steps through the lists in order (`lists.Steps`), which translucency and the depth
-      test take. A block of `BLOCK` tiles takes as many as its longest list has entries.
+      test take. A block of `BLOCK` tiles takes as many as its longest list has entries; the steps
+      of all blocks are added.
     - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes whose colours
       are evaluated point by point.
-    - `runs`: runs of crossings (`gradients.crossings`), each of up to `LINES` crossings of one
-      edge, for derivatives with respect to positions.
+    - `runs`: runs of crossings (`gradients.crossings`), for derivatives with respect to positions.
+      A crossing is a point where an edge passes between two neighbouring samples, and a run is up
+      to `LINES` crossings of one edge.
     """
 
     strips: int = 0
@@ -151,8 +157,12 @@ def choose_capacity(
 ) -> Capacity:
     """Choose capacities that are enough for each of several scenes, with headroom.
 
+    The greatest length that any of the scenes needs is increased by the headroom, and rounded up to
+    a size class, for each list by itself or in proportion to the slots (`Headroom.small_slots`).
+
     - `counts`: the list lengths that each scene needs.
-    - `in_order`: whether lists are visited in order, for translucency or for the depth test.
+    - `in_order`: whether lists are visited in order, for translucency or for the depth test. If
+      not, the needed number of steps is taken as 0.
     - `pixels`: number of pixels of the canvas.
     - `headroom`: rule by which capacities follow from the needed lengths.
     - `slots_per_chunk`: slots of a chunk; None chooses the number of least cost.
@@ -194,8 +204,9 @@ def choose_capacity(
 def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
     """Choose the number of slots of a chunk, from `CHUNK_SIZES`, at which the lists cost least.
 
-    The cost is summed over all scenes, of which `counts` has the list lengths. If all scenes need
-    no more than `Headroom.least_slots` slots, the smallest number is chosen.
+    A chunk costs its number of slots, used or not, plus `Headroom.merge_cost`. The cost is summed
+    over all scenes, of which `counts` has the list lengths. If with the smallest number no scene
+    needs more than `Headroom.least_slots` slots, headroom included, the smallest number is chosen.
     """
     chunks = {
         size: [int(_chunks_of_tiles(scene, size).sum()) for scene in counts] for size in CHUNK_SIZES
@@ -223,8 +234,8 @@ def _in_proportion(
     - `slots`: number of slots of the plan.
     - `allow_three_quarters`: whether the ratio may also be three quarters of a power of two.
 
-    The result is `slots` times a ratio: the least power of two that is not below
-    `need / needed_slots` nor below `_LEAST_RATIO`.
+    The result is `slots` times a ratio, the least allowed one that is not below `need /
+    needed_slots` nor below `_LEAST_RATIO`. Powers of two are allowed.
     """
     ratio = max(need / needed_slots, _LEAST_RATIO)
     octave = 2.0 ** math.ceil(math.log2(ratio))
@@ -236,7 +247,8 @@ def _in_proportion(
 def _slot_class(need: int, headroom: Headroom) -> int:
     """Number of slots of all chunks of a plan together, for scenes that need `need` slots.
 
-    It is the needed number with its headroom, rounded up to a size class (`Headroom`).
+    It is the needed number with its headroom, rounded up to a size class, and at least
+    `headroom.least_slots`. `Headroom` says which numbers are size classes.
     """
     wanted = _with_headroom(need, headroom)
     if headroom.fine_slots is not None and wanted > headroom.fine_slots:
@@ -250,8 +262,9 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
     """Choose `Capacity.max_chunks`: a power of two, at least a quarter above `need`.
 
     `need` is the number of chunks of the tile with the longest list, and `slots` the number of
-    slots of the plan. The headroom is large, because this number varies most from scene to scene,
-    and `max_chunks` costs least of all capacities.
+    slots of the plan. The result is at least `_LEAST_MAX_CHUNKS`, and at least `_COARSE_MAX_CHUNKS`
+    if there are at most `headroom.small_slots` slots. The headroom is large, because this number
+    varies most from scene to scene, and `max_chunks` costs least of all capacities.
     """
     need -= -need // _MAX_CHUNKS_DIVISOR
     if slots <= headroom.small_slots:
@@ -263,8 +276,9 @@ def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
     """Choose `Capacity.fragments` for scenes that need `need` fragments; 0 if they need none.
 
     Each fragment costs one evaluation of a colour, used or not. A scene that fills the canvas of
-    `pixels` pixels needs one fragment for each pixel and few more. So the capacity is at most the
-    number of pixels, plus a size class for the fragments beyond this number.
+    `pixels` pixels needs one fragment for each pixel and few more. So the capacity is the size
+    class of `need` with its headroom, but at most the number of pixels plus a size class for the
+    fragments beyond this number, which is at least a sixteenth of the pixels.
     """
     if need == 0:
         return 0
@@ -280,7 +294,8 @@ def _with_headroom(need: int, headroom: Headroom) -> int:
 def _size_class(need: int, least: int, coarse: int) -> int:
     """Round a needed length up to a size class, which is at least `least`.
 
-    Size classes are powers of two, and above `coarse` also three quarters of powers of two.
+    Size classes are powers of two, and above `coarse` also three quarters of powers of two. No
+    headroom is added.
     """
     octave = 1 << (max(need, 1) - 1).bit_length()
     if octave > coarse and 4 * need <= 3 * octave:

@@ -1,8 +1,9 @@
 """Effects that a render may draw, each of which is a row of the table `EFFECTS`.
 
-A scene pays only for the effects that it calls for. Whether it calls for an effect mostly follows
-from the shapes of its arrays and from the arrays that it leaves out. So the compiled program of a
-scene without an effect does not contain the effect.
+An effect is a feature of a scene or of the options that costs time, such as texture or
+translucency. A scene pays only for the effects that it calls for. Whether it calls for an effect
+mostly follows from the shapes of its arrays and from the arrays that it leaves out. So the compiled
+program of a scene without an effect does not contain the effect.
 """
 
 from collections.abc import Callable
@@ -36,7 +37,7 @@ class Drawing(NamedTuple):
 
 
 class Effect(NamedTuple):
-    """One effect of a render.
+    """One effect of a render: a feature that costs time, such as texture or translucency.
 
     - `reason`: text that tells a user what in the scene or in the options calls for the effect.
     - `is_present`: whether a drawing calls for the effect. It does not ask whether the drawing's
@@ -57,16 +58,22 @@ def is_translucent(scene: Scene) -> bool:
 
 
 def varies(scene: Scene) -> bool:
-    """Whether the colour of a triangle may differ from point to point within the triangle."""
+    """Whether the colour of a triangle may differ from point to point within the triangle.
+
+    Only the structure of the scene decides: it is true for a scene with textures or with three
+    corner colours per triangle, whatever their values are.
+    """
     return scene.textures is not None or scene.colors.shape[-2] == 3
 
 
 def is_shaded(scene: Scene, shading: str) -> bool:
     """Whether sampled coverage has to evaluate the colours of a scene point by point.
 
-    `shading` is `Hard.shading`. If the result is false, the colour of each triangle is affine on
-    the screen, and is taken at each sample. The sum of the colours over covered samples then
-    follows from the number of these samples and the sums of their columns and rows.
+    This is so for a scene with textures, and for corner colours that are interpolated in
+    perspective or evaluated once per pixel. `shading` is `Hard.shading`. If the result is false,
+    the colour of each triangle is affine on the screen, and is taken at each sample. The sum of the
+    colours over covered samples then follows from the number of these samples and the sums of their
+    columns and rows.
     """
     is_not_affine = scene.inverse_w is not None or shading == "pixel"
     return scene.textures is not None or (varies(scene) and is_not_affine)
@@ -79,7 +86,11 @@ def _is_pixel_shaded(drawing: Drawing) -> bool:
 
 
 def _within_guard_band(drawing: Drawing) -> np.ndarray:
-    """Whether each triangle lies within the guard band, `[triangles]`."""
+    """Whether each triangle lies within the guard band (`Grid.margin`), `[triangles]`.
+
+    The guard band is the canvas with a wide margin, in which vertices can be snapped to the grid.
+    The result is also true for triangles with a corner that is not finite.
+    """
     positions, triangles, origin = (
         np.asarray(array)
         for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
@@ -96,7 +107,10 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
 
 
 def _lies_between(coordinates: np.ndarray, low: np.floating, high: np.floating) -> bool:
-    """Whether all coordinates are more than a pixel inside `low..high`; false for a NaN."""
+    """Whether all coordinates, in pixels, are at least a pixel inside `low..high`.
+
+    It is false if one of them is NaN, and true if there are no coordinates.
+    """
     if coordinates.size == 0:
         return True
     return bool(coordinates.min() >= low + 1 and coordinates.max() <= high - 1)
@@ -224,7 +238,8 @@ def is_occluder(scene: Scene, orientation: Any) -> Any:
     `orientation`, the sign of each triangle's area, and the result are `[triangles]`. The result is
     false for triangles without area, for triangles with an alpha below 1 at a corner, and for
     triangles with a texture if textures have alpha. It is false for all triangles of a scene with
-    depth, because draw order does not tell there which triangle is behind. For numpy and jax alike.
+    depth, because draw order does not tell there which triangle is behind. Works for NumPy and JAX
+    alike.
     """
     xp = orientation.__array_namespace__()
     solid = orientation != 0

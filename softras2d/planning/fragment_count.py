@@ -1,6 +1,8 @@
 """Counts, on the host, the fragments of a scene: (triangle, pixel) pairs with a visible sample.
 
-Coverage words come from `coverage/sampled.py`, which runs on numpy and jax arrays alike.
+A *coverage word* is an integer whose bit i is set if a triangle covers sample i of one row of
+samples of a tile. The words come from `coverage/sampled.py`, which runs on numpy and jax arrays
+alike.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +22,9 @@ _BATCH = 4096
 
 
 class ListedPairs(NamedTuple):
-    """Pairs of a tile and a triangle that no occluder hides in the whole tile, in any order.
+    """Pairs of a tile and a triangle that may show there, in any order.
+
+    A pair is left out if an opaque triangle in front covers the whole tile.
 
     - `tile`, `triangle`: index of the tile and of the triangle.
     - `covers_tile`: whether the triangle covers the whole tile.
@@ -47,7 +51,7 @@ class DepthPlanes(NamedTuple):
 
 
 class _TileLists(NamedTuple):
-    """Lists of some tiles, in each of which the nearest triangle comes first.
+    """Lists of some tiles, each of them a range of pairs in reverse draw order.
 
     - `tile`, `triangle`: index of the tile and of the triangle of every pair of all tiles, also of
       tiles that have no list here.
@@ -60,7 +64,10 @@ class _TileLists(NamedTuple):
     count: np.ndarray
 
     def at(self, position: int) -> tuple[np.ndarray, np.ndarray]:
-        """Indices of the lists longer than `position`, and the index of the pair there in each."""
+        """Find the entry at `position`, counted from 0, in every list that is long enough.
+
+        Returns the indices of these lists, and for each of them the index of its pair there.
+        """
         longer = np.flatnonzero(self.count > position)
         return longer, self.start[longer] + position
 
@@ -83,7 +90,9 @@ def count_fragments(
 ) -> int:
     """Number of fragments of an opaque scene: pairs of a triangle and a pixel that shows it.
 
-    - `edges`, `bounds`: of all triangles.
+    A pixel shows a triangle if at least one of its samples does.
+
+    - `edges`, `bounds`: edge functions and bounding boxes of all triangles.
     - `pairs`: the pairs of a tile and a triangle that are listed.
     - `depth`: the depth of all triangles; None for a scene without depth.
 
@@ -118,7 +127,11 @@ def count_fragments(
 
 
 def _count_visible_pixels(lists: _TileLists, words_of: WordsOfPairs, tiling: Tiling) -> int:
-    """Number of pixels in which a listed triangle may show, summed over all triangles and lists."""
+    """Number of pixels in which a listed triangle may show, summed over all triangles and lists.
+
+    `words_of` gives the samples at which the triangle of a pair shows or hides others, as
+    `WordsOfPairs` says.
+    """
     hidden = np.zeros((len(lists.count), tiling.sample_rows), np.uint32)
     total = 0
     for position in range(int(lists.count.max())):
@@ -157,11 +170,11 @@ def _test_depth(
 ) -> WordsOfPairs:
     """Make the `WordsOfPairs` for lists of a scene with depth.
 
-    `words_of` gives the samples that the triangles cover. The first word of the result has the
-    covered samples at which the triangle may be the nearest of its list, and the second those at
-    which it surely is the nearest. Rounding errors, which differ between devices, decide which of
-    two surfaces at nearly the same depth is nearer. So where depths agree to within their errors,
-    all of the triangles may show.
+    `words_of` gives the samples that the triangles cover. The result is a function of the indices
+    of pairs of these lists. Its first words have the covered samples at which the triangle may be
+    the nearest of its list, and its second words those at which it surely is the nearest. Rounding
+    errors, which differ between devices, decide which of two surfaces at nearly the same depth is
+    nearer. So where depths agree to within their errors, all of the triangles may show.
     """
     first_pair = int(lists.start.min())
     pairs = int((lists.start + lists.count).max()) - first_pair
@@ -206,8 +219,9 @@ def _depth_at_samples(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth of each pair's triangle at the samples of its tile, and the bound on its error.
 
-    The depth is `[pairs, rows, columns]`, with rows in `sampled.row_order`; the error is
-    `[pairs, 1, 1]`.
+    `triangle` and `tile` are the indices of each pair's triangle and tile. The depth is `[pairs,
+    rows, columns]`, with the rows of samples in the order of coverage words (`sampled.row_order`);
+    the error is `[pairs, 1, 1]`.
     """
     column, row = tiling.first_sample(tile)
     start, right, down, error = (entry[triangle, None, None] for entry in depth)

@@ -33,7 +33,10 @@ A pair takes some 70 bytes of memory.
 class Counts(NamedTuple):
     """Lengths that the lists of one scene need, as `Capacity` defines the lists.
 
-    - `strips`, `pairs`: number of strips and of pairs, including hidden pairs.
+    A pair of a triangle and a tile is hidden if an opaque triangle in front covers the whole tile.
+
+    - `strips`, `pairs`: number of pairs of a triangle and a row of tiles, and of pairs of a
+      triangle and a tile, including hidden pairs.
     - `list_lengths`: number of triangles listed for each tile, without hidden pairs. The lengths
       are sorted, longest first, so that their order says nothing about the tiles.
     - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
@@ -49,10 +52,12 @@ class Counts(NamedTuple):
 
 
 def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray) -> Counts:
-    """Count the entries of each list that a render of a scene needs under sampled coverage.
+    """Count the entries of each list that a concrete scene needs under sampled coverage.
 
-    `origin` is the point (x, y) of the scene, in whole pixels, at the canvas's upper left. Raises
-    `ValueError` for more than `MOST_PAIRS` strips or pairs.
+    `origin` is the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
+    Fragments are 0 unless the colours of an opaque scene are evaluated point by point, and runs are
+    None without `Hard.edge_gradients`. Raises `ValueError` for more than `MOST_PAIRS` strips or
+    pairs.
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
@@ -75,14 +80,15 @@ def count_sampled_lists(scene: Scene, grid: Grid, coverage: Hard, origin: np.nda
 def count_analytic_lists(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Counts:
-    """Count the entries of each list that a render of a scene needs under analytic coverage.
+    """Count the entries of each list that a concrete scene needs under analytic coverage.
 
     - `tiling`: the square tiles of the canvas.
     - `reach`: how far coverage extends beyond the edges, in pixels.
-    - `origin`: as in `count_sampled_lists`.
+    - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     - `summed`: whether signed areas are added, so that no triangle hides another.
 
-    Raises `ValueError` for more than `MOST_PAIRS` strips or pairs.
+    There are no fragments and no runs: these fields have their defaults, 0 and None. Raises
+    `ValueError` for more than `MOST_PAIRS` strips or pairs.
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
@@ -94,10 +100,12 @@ def count_analytic_lists(
 def sampled_list_lengths(
     scene: Scene, grid: Grid, coverage: Hard, origin: np.ndarray
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of triangles listed for each tile under sampled coverage, without hidden pairs.
+    """Number of triangles listed for each tile under sampled coverage.
 
-    The result has an entry for each row and column of tiles. Arguments are as in
-    `count_sampled_lists`.
+    A triangle is not listed for a tile that an opaque triangle in front of it covers completely.
+    The result has an entry for each row and column of tiles. `origin` is the point (x, y) of the
+    scene, in whole pixels, at the canvas's upper left. Raises `ValueError` for more than
+    `MOST_PAIRS` strips or pairs.
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
@@ -109,10 +117,17 @@ def sampled_list_lengths(
 def analytic_list_lengths(
     scene: Scene, tiling: Tiling, reach: float, origin: np.ndarray, *, summed: bool
 ) -> Int[np.ndarray, "rows columns"]:
-    """Number of triangles listed for each tile under analytic coverage, without hidden pairs.
+    """Number of triangles listed for each tile under analytic coverage.
 
-    The result has an entry for each row and column of tiles. Arguments are as in
-    `count_analytic_lists`.
+    A triangle is not listed for a tile that an opaque triangle in front of it covers completely.
+    The result has an entry for each row and column of tiles.
+
+    - `tiling`: the square tiles of the canvas.
+    - `reach`: how far coverage extends beyond the edges, in pixels.
+    - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
+    - `summed`: whether signed areas are added, so that no triangle hides another.
+
+    Raises `ValueError` for more than `MOST_PAIRS` strips or pairs.
     """
     scene = jax.tree.map(np.asarray, scene)
     corners = corners_of(scene.positions, scene.triangles, origin)
@@ -143,9 +158,13 @@ def _count_pairs(
 ) -> tuple[Counts, ListedPairs]:
     """Count strips, pairs and list lengths of a scene, and return its listed pairs.
 
-    `edges` and `bounds` are as in `pairs.find_pairs`, and `occluders` says which triangles are
-    opaque wherever they cover. The listed pairs are those that `tiles.list_tiles` lists on the
-    device. Fragments and runs are not counted: the fields have their defaults.
+    - `edges`: exact edge functions under sampled coverage, or edge lines under analytic coverage.
+    - `bounds`: the samples that each triangle may touch, by its bounding box.
+    - `occluders`: whether each triangle is opaque wherever it covers.
+
+    The listed pairs are those that `tiles.list_tiles` lists on the device: all pairs of a triangle
+    and a tile, except those where an occluder in front covers the whole tile. Fragments and runs
+    are not counted: the fields have their defaults.
     """
     pairs = find_pairs(
         edges,
@@ -163,7 +182,10 @@ def _count_pairs(
 
 
 def _expand_unless_many(count: np.ndarray) -> Expansion:
-    """Expand counts as `expand_on_host` does; `ValueError` for more than `MOST_PAIRS` entries."""
+    """Expand counts into a list with one entry for each counted item, as `expand_on_host` does.
+
+    Raises `ValueError` if the counts add up to more than `MOST_PAIRS`.
+    """
     pairs = int(count.sum(dtype=np.int64))
     if pairs > MOST_PAIRS:
         raise ValueError(

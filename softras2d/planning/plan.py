@@ -54,12 +54,18 @@ class Plan(eqx.Module):
 
     @property
     def hard(self) -> Hard:
-        """The `coverage` of the plan, which must be `Hard`, with its type."""
+        """The `coverage` of the plan, typed as `Hard`, for callers that know that it is.
+
+        Nothing is checked: other coverage is returned as it is.
+        """
         return cast(Hard, self.coverage)
 
     @property
     def cuts_far_triangles(self) -> bool:
-        """Whether, under `Hard`, triangles past the guard band are expected and cut to the band."""
+        """Whether, under `Hard`, triangles past the guard band are expected and cut to the band.
+
+        The guard band is the canvas with a wide margin (`Grid.margin`).
+        """
         return GUARD_BAND in self.effects
 
     @property
@@ -90,7 +96,8 @@ class Plan(eqx.Module):
     def holds(self, other: "Plan") -> bool:
         """Whether this plan is large enough for all scenes for which the plan `other` is.
 
-        The two plans must be of the same canvas and options.
+        The two plans must be of the same canvas and options. The answer is false for plans that
+        cannot be compared, because their tiles or chunks differ in size.
         """
         if other.cuts_far_triangles and not self.cuts_far_triangles:
             return False
@@ -119,7 +126,7 @@ class Plan(eqx.Module):
 
     @property
     def buffer_memory(self) -> int:
-        """Bytes that the triangle indices of one layer of a visibility buffer take.
+        """Number of bytes that the triangle indices, int32, of one layer of buffers take.
 
         A layer has one index for each sample in `rasterize` (`Hard`), and one for each pixel in
         `pixel_layers` (`Soft`, `Area`).

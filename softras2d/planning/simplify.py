@@ -55,7 +55,10 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
 
 
 def _without(effect: str, scene: Scene, grid: Grid) -> Scene:
-    """Return the scene without the effect of this name, which is a row of `effects.EFFECTS`."""
+    """Return the scene without the effect of this name, which is a row of `effects.EFFECTS`.
+
+    The effect is removed whether it shows or not.
+    """
     drawing = Drawing(scene, Hard(), Filter(), grid, np.zeros(2, np.int32))
     return EFFECTS[effect].without(drawing).scene
 
@@ -79,19 +82,26 @@ def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scen
 
 
 def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
-    """Whether the bounding box of each triangle meets the closed canvas."""
+    """Whether the bounding box of each triangle meets the closed canvas, `[triangles]`."""
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low, high = corners.min(1), corners.max(1)
     return ((high >= 0) & (low <= (width, height))).all(1)
 
 
 def _shows(scene: Scene) -> np.ndarray:
-    """Whether each triangle has an alpha above 0 at some corner, or no alpha channel."""
+    """Whether each triangle has an alpha above 0 at some corner, or no alpha channel.
+
+    The result is `[triangles]`. Textures are not looked at.
+    """
     return (np.asarray(scene.colors)[..., 3:] != 0).any((1, 2)) | (scene.colors.shape[2] == 3)
 
 
 def _is_ordered(scene: Scene) -> bool:
-    """Whether no triangle lies deeper than one drawn before it, so that depth changes nothing."""
+    """Whether no triangle lies deeper than one drawn before it, so that depth changes nothing.
+
+    The greatest corner depth of a triangle is compared with the least corner depth of all triangles
+    before it, with a margin for the rounding of interpolated depths.
+    """
     depth = np.asarray(scene.depth)[np.asarray(scene.triangles)]
     if len(depth) < 2:
         return True

@@ -11,7 +11,11 @@ from ..scene import Scene
 from ..texture.pyramid import TexturePyramid
 
 _ROUNDING = 1e-6
-"""Error of a level of detail in float32, in levels; no image changes by more than this."""
+"""Bound on the error of a level of detail in float32, in levels.
+
+In a linear blend of two levels, a level with a weight of up to this much counts as not read, so
+colours may change by this much.
+"""
 
 
 def used_textures(
@@ -19,11 +23,12 @@ def used_textures(
 ) -> tuple[TexturePyramid, np.ndarray]:
     """Return a pyramid of only those textures that some triangle uses.
 
-    - `index`: texture of each triangle, -1 for none.
+    - `index`: texture of each triangle, -1 for none. At least one triangle must have a texture.
     - `base_only`: `[textures]`, whether the levels above the base of each texture are removed.
 
-    An alpha channel that is 1 everywhere is removed too. Also returns the texture of each triangle
-    by its index in the new pyramid, -1 for none.
+    The textures that are kept stay in their order. If all of their texels have an alpha of 1, the
+    alpha channel is removed. Also returns the texture of each triangle by its index in the new
+    pyramid, -1 for none.
     """
     used_indices = np.unique(index[index >= 0])
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels)
@@ -51,7 +56,8 @@ def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarra
     """Whether, for each texture, no triangle reads more than the texture's base level.
 
     The result is `[textures]`. The footprint of each snapped triangle decides, or, in perspective,
-    an upper bound on this footprint. If `filter` is None, the result is false for all textures.
+    an upper bound on this footprint. If `filter` is None, the result is false for all textures. If
+    the filter reads level zero only, it is true for all.
     """
     assert scene.textures is not None and scene.uv is not None
     count, index = scene.textures.count, np.asarray(scene.texture_index)
@@ -70,8 +76,9 @@ def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarra
 def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
     """Greatest level of detail at any point of each triangle, without bias, in float64.
 
-    The result is `[triangles]`, and has no meaning for triangles without a texture. In perspective
-    it is an upper bound.
+    The level is log2 of the size of a pixel's footprint, in texels of the base level, and is not
+    clamped: it is negative where the texture is magnified. The result is `[triangles]`, and has no
+    meaning for triangles without a texture. In perspective it is an upper bound.
     """
     assert scene.textures is not None
     triangles = np.asarray(scene.triangles)
@@ -102,6 +109,9 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
     """Level of detail, without `lod_bias`, of texture footprints that are given by Jacobians.
+
+    It is log2 of the longer change, along x or along y. With an anisotropy above 1 it is log2 of
+    the longer axis of the footprint's ellipse, divided by the number of probes along this axis.
 
     `jacobian` is `[triangles, (u, v), (x, y)]`, in texels of the base level per pixel. Of `filter`,
     only `anisotropy` is used. The result is `[triangles]`, -inf where the Jacobian is 0.

@@ -50,8 +50,9 @@ def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
     """Append triangles that cover nothing until the scene has `size` triangles.
 
     Vertices are appended until there are `vertex_size` of them; by default their number is a size
-    class in proportion to the triangles. A scene without triangles or without vertices is returned
-    unchanged.
+    class in proportion to the triangles. Both numbers must be at least those of the scene, which
+    may be a batch. The result is on the device. A scene without triangles or without vertices is
+    returned unchanged.
     """
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]
@@ -85,7 +86,8 @@ def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
 def pad_concrete(scene: Scene, plan: Plan) -> Scene:
     """Pad a concrete scene to the size class that its number of triangles has under `plan`.
 
-    A traced or batched scene is returned unchanged.
+    The size class is the one of `pad`, or a power of two, at least `_LEAST_POWER`, if the plan
+    lists every triangle for every tile. A traced or batched scene is returned unchanged.
     """
     if is_traced(scene) or scene.triangles.ndim != 2:
         return scene
@@ -98,15 +100,18 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
 def unknowns_class(count: int) -> int:
     """Round a number of triangles up to one of eight sizes between a power of two and the next.
 
-    Sizes are multiples of 4. They are closer together than those of `triangle_class`, for arrays
-    whose padding costs much: the unknowns of a fit.
+    Sizes are multiples of 4; up to 64 every multiple of 4 is one. They are closer together than
+    those of `triangle_class`, for arrays whose padding costs much: the unknowns of a fit.
     """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step
 
 
 def triangle_class(count: int) -> int:
-    """Round a number of triangles up to the size class to which `pad` brings a scene."""
+    """Round a number of triangles up to the size class to which `pad` brings a scene.
+
+    It is 64, 1024 or a higher power of two.
+    """
     return next((size for size in _SMALL_CLASSES if count <= size), _next_power(count))
 
 
@@ -122,10 +127,10 @@ def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
     """Choose the size class of the vertices, in proportion to the triangles where possible.
 
     `vertices` and `triangles` are the numbers before padding, and `triangle_class` is the number of
-    triangles after padding. The result is 1 vertex per triangle after padding, which is enough for
-    meshes that share most vertices, or 3, which is enough for triangles that share none, or else a
-    power of two. So two similar scenes with the same size class of triangles mostly have the same
-    size class of vertices too.
+    triangles after padding. With up to 1 vertex per triangle before padding, the result is 1 vertex
+    per triangle after padding; with up to 3 it is 3. With more, the number of vertices is rounded
+    up to a power of two. So two similar scenes with the same size class of triangles mostly have
+    the same size class of vertices too.
     """
     for share in (1, 3):
         if vertices <= share * triangles:
@@ -134,14 +139,15 @@ def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
 
 
 def _next_power(count: int) -> int:
-    """Round a number up to a power of two."""
+    """Round a number, at least 1, up to a power of two."""
     return 1 << (count - 1).bit_length()
 
 
 def _append(array: Any, count: int, value: int, axis: int) -> Any:
-    """Append `count` entries of `value` to an array along `axis`.
+    """Append `count` entries of `value` to an array along `axis`, and put it on the device.
 
-    An array that was committed to a device stays there.
+    An array that was committed to a device stays there. With a `count` of 0 the array is returned
+    as it is.
     """
     if count == 0:
         return array

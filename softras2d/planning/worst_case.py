@@ -15,6 +15,7 @@ from .capacities import CHUNK_SIZES, Capacity
 def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = None) -> Capacity:
     """Capacities for scenes of this many triangles, wherever the triangles are.
 
+    Every list is as long as it can become. A slot holds one triangle in the list of one tile, and
     `slots_per_chunk` is the number of slots of a chunk. By default it is the smallest of
     `CHUNK_SIZES` with which one chunk holds all triangles, or the largest if there is none.
     """
@@ -41,6 +42,9 @@ def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = 
 
 
 def limited(capacity: Capacity, triangles: int, tiling: Tiling) -> Capacity:
-    """Reduce each capacity to the greatest length that scenes of `triangles` triangles can need."""
+    """Reduce each capacity to the greatest length that scenes of `triangles` triangles can need.
+
+    Smaller capacities stay as they are.
+    """
     most = worst_case(triangles, tiling, slots_per_chunk=capacity.slots_per_chunk)
     return Capacity(*map(min, capacity, most))
