@@ -47,8 +47,8 @@ class PixelFunctions(NamedTuple):
 
     A slot is a triangle in the list of a tile.
 
-    - `coverage`: the fraction of a pixel that the triangle covers.
-    - `weights`: the barycentric weights of corners 1 and 2 in the pixel.
+    - `coverage`: the fraction of a pixel that the triangle covers, 0..1.
+    - `weights`: the barycentric weights of corners 1 and 2 in the pixel, on the screen.
     """
 
     coverage: AnalyticCoverage
@@ -56,7 +56,7 @@ class PixelFunctions(NamedTuple):
 
 
 class SlotGeometry(NamedTuple):
-    """Numbers of each slot's triangle that all pixels of its tile share.
+    """Numbers of each slot, a triangle in the list of a tile, that all pixels of the tile share.
 
     - `coverage`, `weights`: the geometry that the function of this name in `PixelFunctions` takes.
     """
@@ -66,11 +66,12 @@ class SlotGeometry(NamedTuple):
 
 
 class _CoveredSlots(NamedTuple):
-    """Coverage of the pixels of each slot, with the inputs of shading and of derivatives.
+    """Coverage of each slot (a triangle in a tile), with the inputs of shading and of derivatives.
 
-    - `coverage`: fraction of each pixel that the slot's triangle covers; pixels row by row.
+    - `coverage`: fraction of each pixel of the tile that the triangle covers; pixels row by row.
     - `functions`: the functions of coverage and weights.
-    - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
+    - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels
+      from the canvas's upper left and in positive orientation.
     - `geometry`: geometry that the functions take.
     - `lines`: edge lines of each slot's triangle.
     - `triangles`: areas, bounds and orientations of all triangles of the scene.
@@ -99,14 +100,14 @@ class AnalyticMode(CoverageMode):
     def reach(self, coverage: Any, max_width: float | None) -> float:
         """Distance, in pixels, by which coverage extends beyond the edges of a triangle.
 
-        `coverage` is the option. `max_width` is as in `CoverageMode.prepare`; if it is given, the
-        result is the distance for the largest width. It must be at least `AnalyticCoverage.reach`
-        of every parameter up to `max_width`.
+        `coverage` is the option. `max_width` is the largest `Soft.width` to allow for, in pixels,
+        or None; if it is given, the result is the distance for the largest width. It must be at
+        least `AnalyticCoverage.reach` of every parameter up to `max_width`.
         """
 
     @abc.abstractmethod
     def pixel_functions(self, coverage: Any, tile_side: int) -> PixelFunctions:
-        """The functions of coverage and weights, for square tiles of `tile_side` pixels a side."""
+        """Make the functions of covered fraction and weights, for tiles of this side in pixels."""
 
     @abc.abstractmethod
     def parameter(self, coverage: Any, dtype: Any) -> Array:
@@ -128,7 +129,7 @@ class AnalyticMode(CoverageMode):
         """Compute the geometry that the functions of `pixel_functions` take.
 
         - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in
-          pixels.
+          pixels and in positive orientation.
         - `tile`: x and y of the upper left of each slot's tile, in pixels.
         - `lines`: edge lines of each slot's triangle.
         - `tile_side`: pixels along a side of a tile.
@@ -146,6 +147,7 @@ class AnalyticMode(CoverageMode):
 
         - `shaded`: opacity, colour and depth of each slot at the pixels of its tile.
         - `triangles`: all triangles of the scene, for their areas and orientations.
+        - `chunks`: the slots of each tile, nearest first.
         - `max_chunks`: upper bound on the number of chunks of a tile.
 
         Depth is ignored here: a mode that draws scenes with depth overrides this method, and any
@@ -165,9 +167,10 @@ class AnalyticMode(CoverageMode):
     ) -> Listing:
         """Choose square tiles and headroom, and how to count the lists of a drawing.
 
-        The side of the tiles is `tile_side`, or by default the side of least work
-        (`tile_side.choose_side`). In the worst case, where positions are unknown, the default is
-        `WORST_CASE_SIDE`. Arguments are as in `CoverageMode.list_needs`.
+        The side of the tiles is `tile_side`, in pixels, or by default the side of least work for
+        the drawings (`tile_side.choose_side`). If `growth.is_worst_case`, positions are unknown,
+        and the default is `WORST_CASE_SIDE`. Lists of steps, fragments and runs are never needed.
+        Other arguments are as in `CoverageMode.list_needs`.
         """
         coverage, grid = drawings[0].coverage, drawings[0].grid
         is_varying = any(varies(drawing.scene) for drawing in drawings)
@@ -187,7 +190,10 @@ class AnalyticMode(CoverageMode):
         return Listing(tiling, headroom, unused, count, side)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Draw a premultiplied image: list triangles, compute coverage, shade, composite."""
+        """Draw a premultiplied image: list triangles, compute coverage, shade, composite.
+
+        The image has the channels of `background`, which is premultiplied too.
+        """
         covered = self._cover(scene, plan)
         triangles, chunks = covered.triangles, covered.chunks
         attributes = _triangle_attributes(scene, triangles, plan)
@@ -275,7 +281,7 @@ class AnalyticMode(CoverageMode):
 
 
 def _host_corners(drawing: Drawing) -> np.ndarray:
-    """Corners `[triangles, 3, 2]` on the host, in pixels from the canvas's upper left."""
+    """Corners `[triangles, 3, 2]`, in pixels from the canvas's upper left; NaN for padding."""
     positions, triangles, origin = (
         np.asarray(array)
         for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
@@ -306,8 +312,9 @@ def _slot_corners(
 ) -> Float[Array, "6 slots"]:
     """Gather the corners of each slot's triangle in positive orientation, in pixels.
 
-    The rows of the result are x and y of corner 0, then of corners 1 and 2. An empty slot has a
-    triangle without area, far outside the canvas.
+    The rows of the result are x and y of corner 0, then of corners 1 and 2. Coordinates are clamped
+    to `_FARTHEST` in size. An empty slot has a triangle without area, far outside the canvas. A
+    triangle with a corner that is not finite has all corners at (0, 0).
     """
     triangle = chunks.triangle.reshape(-1)
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)
@@ -329,7 +336,10 @@ def _first_pixel(chunks: Chunks, *, tiling: Tiling, dtype: Any) -> Float[Array, 
 def _triangle_attributes(
     scene: Scene, triangles: ReachedTriangles, plan: Plan
 ) -> TriangleAttributes:
-    """Gather the corner attributes, textures and depth of each triangle."""
+    """Gather the corner attributes, textures and depth of each triangle of the scene.
+
+    Corners are in positive orientation. `inverse_w` is left out if colours do not vary.
+    """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
         scene.colors, scene.uv, inverse_w, scene.triangles, triangles.orientation
@@ -352,11 +362,12 @@ def add_signed(
     """Add the triangles of each pixel with the signs of their areas, to premultiplied RGBA.
 
     A triangle is added, or subtracted if the sign of its area differs from the sign of the sum of
-    the signed areas of all triangles.
+    the signed areas of all triangles. A triangle, or a sum, of 0 counts as positive.
 
-    - `opacity`: covered area of the pixel times alpha, for each slot.
+    - `opacity`: covered area of the pixel times alpha, for each slot: a triangle in a tile.
     - `colors`: straight RGB of each slot.
     - `triangles`: all triangles of the scene, for their areas and orientations.
+    - `chunks`: the triangle and the tile of each slot.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     total_area = jnp.sum(triangles.area)
@@ -378,9 +389,10 @@ def _add_slots(
     sign: Float[Array, " triangles"],
     chunks: Chunks,
 ) -> list[Float[Array, "chunks pixels"]]:
-    """Sum premultiplied RGBA over the slots of each chunk, channel by channel.
+    """Sum premultiplied RGBA over the slots of each chunk; return red, green, blue and alpha.
 
-    `sign` is 1 for triangles that are added, and -1 for triangles that are subtracted.
+    `opacity` is coverage times alpha, and `colors` are straight RGB, for each slot. `sign` is 1 for
+    triangles that are added, and -1 for triangles that are subtracted.
     """
     signed = opacity * sign[chunks.triangle][..., None]
     terms = [signed * colors[:, :, channel] for channel in range(3)] + [signed]

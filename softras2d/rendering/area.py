@@ -27,11 +27,17 @@ class AreaMode(AnalyticMode):
     }
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
-        """Half the diagonal of a pixel, in pixels: farther away, a triangle does not touch it."""
+        """Half the diagonal of a pixel, in pixels, whatever the arguments are.
+
+        A triangle that is farther from the centre of a pixel does not touch the pixel.
+        """
         return REACH
 
     def pixel_functions(self, coverage: Area, tile_side: int) -> PixelFunctions:
-        """The area of a pixel that the triangle covers, and the weights at this area's centroid."""
+        """Return the functions of the covered area of a pixel and of the weights at its centroid.
+
+        The area is in square pixels, 0..1. The centroid is that of the covered part of the pixel.
+        """
         return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
 
     def parameter(self, coverage: Area, dtype: Any) -> Array:
@@ -39,7 +45,7 @@ class AreaMode(AnalyticMode):
         return jnp.zeros((), dtype)
 
     def is_sum(self, coverage: Area) -> bool:
-        """Whether signed areas are added, for `Area("sum")`, instead of composited."""
+        """Whether signed areas are added, for `Area("sum")`; false for `Area("over")`."""
         return coverage.compositing == "sum"
 
     def slot_geometry(
@@ -52,7 +58,8 @@ class AreaMode(AnalyticMode):
     ) -> SlotGeometry:
         """Clip the edges to the rows of the tile, for the functions of coverage and of weights.
 
-        The function of the weights takes the edge lines too.
+        The function of the weights takes the edge lines too. Arguments are as in
+        `AnalyticMode.slot_geometry`.
         """
         clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
         outline = materialized(clip)(corners, tile, lines)
@@ -66,7 +73,11 @@ class AreaMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Composite in draw order, or add signed areas for `Area("sum")`."""
+        """Composite in draw order, or add signed areas for `Area("sum")`.
+
+        Returns premultiplied RGBA without the background. Arguments are as in
+        `AnalyticMode.composite`.
+        """
         if not self.is_sum(coverage):
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)
         opacity, color, _ = shaded

@@ -76,7 +76,7 @@ def _over(
 ) -> Float[Array, "*samples channels"]:
     """Composite layers of straight RGB or RGBA over a premultiplied background, nearest first.
 
-    - `values`: straight colours of the layers.
+    - `values`: straight colours of the layers; RGB is opaque.
     - `triangle`: -1 for layers that are unused and draw nothing.
     - `coverage`: factor of each layer's alpha, 0..1.
     - `behind`: the premultiplied background, whose channels the result has.
@@ -119,7 +119,11 @@ def _shade_layers(
 
 
 def _with_layer_axis(values: Array, visible: Visibility | PixelLayers) -> Array:
-    """Return values with an axis of layers, which the buffers of `rasterize` lack for one layer."""
+    """Insert an axis of layers, of length 1, before the last axis of `values` if it is missing.
+
+    It is missing in values for one layer of `rasterize`, whose buffers have no axis of layers.
+    Other values are returned unchanged.
+    """
     has_one_layer = isinstance(visible, Visibility) and visible.triangle.ndim == 3
     if has_one_layer and values.shape[:-1] == visible.triangle.shape:
         return values[..., None, :]
@@ -129,8 +133,9 @@ def _with_layer_axis(values: Array, visible: Visibility | PixelLayers) -> Array:
 def _layers(visible: Visibility | PixelLayers) -> tuple[Array, Array]:
     """Triangle index and coverage of each layer, with the layers along the last axis.
 
-    For `PixelLayers`, coverage is the fraction of the pixel that the triangle covers. For
-    `Visibility`, it is 1 at each sample, or 0 where the layer is unused.
+    The triangle is -1 where the layer is unused. For `PixelLayers`, coverage is the fraction of the
+    pixel that the triangle covers. For `Visibility`, it is 1 at each sample, or 0 where the layer
+    is unused.
     """
     triangle = visible.triangle
     if isinstance(visible, PixelLayers):

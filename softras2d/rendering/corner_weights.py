@@ -26,8 +26,9 @@ from .projected_scene import Projected, project_scene
 def with_unit_corners(scene: Scene, *, perspective: bool = True) -> Scene:
     """Return the scene with unit vectors as the colours of its corners, and without textures.
 
-    Corner k gets 1 in channel k. If `perspective` is false, `inverse_w` is left out, so that the
-    weights are affine on the screen.
+    Corner k gets 1 in channel k, so that the interpolated colour at a point consists of the
+    barycentric weights of the three corners there. If `perspective` is false, `inverse_w` is left
+    out, so that the weights are affine on the screen.
     """
     shape = (scene.triangles.shape[0], 3, 3)
     colors = jnp.broadcast_to(jnp.eye(3, dtype=scene.positions.dtype), shape)

@@ -39,9 +39,9 @@ def price_effects(
     """Yield each effect of the scene, with the price of a render with and without the effect.
 
     Yields rows of the effect's name, the price of the complete scene, and the price of the scene
-    without the effect. In the first row the name is None, and both prices are of the complete
-    scene. The two renders of a row are measured in turns, `repeats` times. Each row compiles a
-    program, which takes seconds.
+    without this one effect. The effects are those of `plan`, in its order. In the first row the
+    name is None, and both prices are of the complete scene. The two renders of a row are measured
+    in turns, `repeats` times. Each row compiles a program, which takes seconds.
     """
     complete = _Program(scene, plan)
     price = complete.price(_median(complete.run, repeats))
@@ -55,8 +55,9 @@ def price_effects(
 def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; return the simpler scene and a plan for it.
 
-    `effect` is a name in `effects.EFFECTS`. The simpler scene has a different image: it is for
-    comparing costs only. Raises `ValueError` if there is no effect of this name.
+    `effect` is a name in `effects.EFFECTS`. Canvas, origin and grid of the plan are the same;
+    coverage and filter too, unless they are the effect. The simpler scene has a different image: it
+    is for comparing costs only. Raises `ValueError` if there is no effect of this name.
     """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")
@@ -75,7 +76,7 @@ def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
 
 
 class _Program:
-    """A compiled render and its arguments."""
+    """The compiled program of a render, and the scene and the plan that it draws."""
 
     def __init__(self, scene: Scene, plan: Plan):
         self.arguments = scene, plan

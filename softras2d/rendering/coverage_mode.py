@@ -12,7 +12,8 @@ needs an `AnalyticCoverage` (`coverage.analytic`), which lies in `coverage`. For
 distance, take the geometry from `SoftMode.slot_geometry`, the weights from `NearestWeights`, and
 the nearest point from `coverage.soft.nearest_point`.
 
-The class names in `effects` the rows of `effects.EFFECTS` that a plan may report for the mode.
+The class attribute `effects` of a mode names the rows of `effects.EFFECTS` that a plan may report
+for the mode.
 """
 
 import abc
@@ -48,7 +49,7 @@ class Listing(NamedTuple):
 
     - `tiling`: tiles of the canvas.
     - `headroom`: rule by which capacities follow from the list lengths that scenes need.
-    - `unused`: fields of `Capacity` whose lists the scenes never need.
+    - `unused`: names of the fields of `Capacity` whose lists the scenes never need.
     - `count`: function that counts the entries of each list for a drawing of a concrete scene.
     - `tile_side`: pixels along a side of a square tile; 0 under sampled coverage.
     """
@@ -79,8 +80,9 @@ class Drawn(NamedTuple):
       alpha after `render` has divided by alpha.
     - `needs`: length of each list that the scene needed. If a length exceeds its capacity,
       triangles are missing from the image.
-    - `leaves_guard_band`: whether a triangle reaches past the guard band although the plan does not
-      cut triangles there; the image is then wrong.
+    - `leaves_guard_band`: whether, under `Hard`, a triangle reaches past the guard band, a wide
+      margin around the canvas, although the plan does not cut triangles there; the image is then
+      wrong.
     """
 
     image: Float[Array, "height width channels"]
@@ -149,9 +151,9 @@ class CoverageMode(abc.ABC):
 
         - `drawings`: scenes of concrete arrays, or only of array shapes if `growth.is_worst_case`.
         - `max_width`: largest `Soft.width` to allow for, in pixels; None for the option's width.
-        - `growth`: how far later scenes may exceed these.
+        - `growth`: how far later scenes may exceed these. The lists are counted without it.
         - `tile_side`: pixels along a side of a tile under analytic coverage; by default the side of
-          least work.
+          least work. Ignored under sampled coverage.
         """
 
     @abc.abstractmethod

@@ -21,8 +21,9 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
       left out in a tile that an opaque triangle in front of it covers completely.
 
     `pixel_layers` is pure: use it under `jit` and `vmap`. A scene that outgrows its plan raises an
-    error as in `render`, or makes `coverage` and its derivatives NaN. Raises `ValueError` for a
-    plan with `Hard` coverage, and if `layers` is less than 1.
+    error as in `render`. Under a trace, with a plan of `on_overflow="nan"`, it makes `coverage` and
+    its derivatives NaN instead. Raises `ValueError` for a plan with `Hard` coverage, and if
+    `layers` is less than 1.
     """
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
     layers = checked_layers(layers)
@@ -43,6 +44,6 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
 def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
     """Find the layers, and the length of each list that the scene needed, in one program.
 
-    Arguments are as in `pixel_layers`.
+    Arguments are as in `pixel_layers`; the scene must have a triangle. Overflow is not checked.
     """
     return pixel_layers_mode_of(plan.coverage).find_layers(scene, plan, layers)

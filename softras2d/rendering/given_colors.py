@@ -31,7 +31,8 @@ class ShadedColors(SampleColors):
     """Colours that a caller's function computes from triangle indices and barycentric weights.
 
     The function may close over traced values, which a rule of differentiation must not. So the
-    function is traced once, and the values that it closes over are kept as arrays.
+    function is traced once, and the values that it closes over are kept as arrays. They get no
+    derivative from here.
 
     - `background`: value where no triangle shows.
     - `surface`: data of a scene made by `corner_weights.with_unit_corners`.
@@ -50,7 +51,8 @@ class ShadedColors(SampleColors):
     ) -> "ShadedColors":
         """Trace the function `shade`, and separate its program from the values it closes over.
 
-        `surface` and `background` are the fields of these names.
+        - `surface`: data of a scene made by `corner_weights.with_unit_corners`.
+        - `background`: value where no triangle shows.
         """
         example = jnp.zeros(1, jnp.int32), jnp.zeros((1, 3), background.dtype)
         closed = jax.make_jaxpr(shade)(*example)
@@ -99,7 +101,8 @@ class ArrayColors(SampleColors):
     but at no sample, and for edges between the border of the canvas and the sample next to it.
 
     - `background`: value where no triangle shows.
-    - `values`: one value for each sample, in the order of `sample_grid.buffer_index`.
+    - `values`: one value for each sample, in the order of `sample_grid.buffer_index`: pixel by
+      pixel, row by row.
     - `grid`: canvas and samples.
     """
 
@@ -130,7 +133,7 @@ class ArrayColors(SampleColors):
         """Whether the colours on both sides of each crossing are known.
 
         The arguments say whether the sample next to the crossing, inside and outside of the edge,
-        shows the triangle that is on that side.
+        shows the triangle that is on that side. Both must be true.
         """
         return shows_inside & shows_outside
 
@@ -155,14 +158,21 @@ class LayerArrayColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value, at each sample, of the layer whose triangle is `triangle`; 0 if there is none."""
+        """Value, at each sample, of the layer whose triangle is `triangle`.
+
+        It is 0 where no layer of the sample has this triangle, and where `triangle` is -1.
+        """
         number = buffer_index(sample, self.grid)
         is_layer = (self.triangle[number] == triangle[..., None]) & (triangle >= 0)[..., None]
         values = jnp.where(is_layer[..., None], self.values[number], 0.0)
         return jnp.moveaxis(jnp.sum(values, -2), -1, 0)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Value of the edge's triangle at the sample next to each crossing, inside the edge."""
+        """Value of the edge's triangle at the sample next to each crossing, inside the edge.
+
+        A crossing is the point at which an edge crosses a line of samples (`gradients.crossings`).
+        The value is 0 if the triangle is not one of the sample's layers.
+        """
         triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.t.shape)
         return self.at(triangle, crossings.inside, tiling)
 
@@ -172,6 +182,7 @@ class LayerArrayColors(SampleColors):
         """Whether the colours on both sides of each crossing are known.
 
         For layers, `shows_inside` says whether the edge's triangle covers the sample inside the
-        edge, so that it may be one of the sample's layers, and `shows_outside` is true.
+        edge, so that it may be one of the sample's layers, and `shows_outside` is true. The colours
+        are known where both are true.
         """
         return shows_inside & shows_outside

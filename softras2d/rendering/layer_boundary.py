@@ -31,7 +31,8 @@ def layer_boundary(
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """Return an image of zeros whose derivative is the boundary term of the image of `composite`.
 
-    The image is premultiplied.
+    The boundary term is the part of the derivative with respect to positions and depth that comes
+    from edges that move over samples. The image is premultiplied.
 
     - `visible`, `values`: the arguments of `composite`.
     - `layer_triangles`: the triangle of each layer, -1 for unused layers.
@@ -66,7 +67,11 @@ def layer_boundary(
 def _given_colors(
     visible: Visibility, values: Any, layer_triangles: Array, projected: Projected
 ) -> SampleColors:
-    """Return the function or array `values` as the colours that the boundary term compares."""
+    """Return the function or array `values` as the colours that the boundary term compares.
+
+    `values` and `layer_triangles` are as in `layer_boundary`. The colour where no triangle shows is
+    0. A function's values that are NaN or infinite are replaced by 0.
+    """
     dtype = visible.scene.positions.dtype
     if isinstance(values, Array):
         *_, layers, channels = values.shape

@@ -78,7 +78,8 @@ def layout_for(
 def count_triangles(scene: Scene) -> int:
     """Number of triangles of a scene, without those that `pad` appended, but at least 1.
 
-    If only the shapes of the arrays are known, appended triangles are counted too.
+    These are all triangles up to the last one that is not padding. If only the shapes of the arrays
+    are known, appended triangles are counted too.
     """
     if isinstance(scene.triangles, jax.ShapeDtypeStruct):
         return scene.triangles.shape[0]

@@ -1,6 +1,8 @@
 """Search tile lists for the triangles that cover each sample.
 
-`nearest_layers` finds the nearest few of them, and `count_covering` counts them.
+`nearest_layers` finds the nearest few of them, and `count_covering` counts them. The list of a tile
+has its triangles in reverse draw order. A `Sample` is given by its column and row on the canvas's
+grid of samples.
 """
 
 from typing import NamedTuple
@@ -19,8 +21,10 @@ from ..numerics.fusion_barrier import materialized
 class ListedSamples(NamedTuple):
     """The lists of all tiles, and the samples that each listed triangle covers in its tile.
 
+    - `lists`: the triangles of each tile, in reverse draw order.
     - `words`: coverage words (`coverage.sampled`) of each entry of the lists, which is a pair of a
-      triangle and a tile: one word for each row of samples of the tile.
+      triangle and a tile. There is one word for each row of samples of the tile; its bit i is set
+      if the triangle covers sample i of the row.
     """
 
     lists: TileLists
@@ -46,8 +50,10 @@ def nearest_layers(
 ) -> Int[Array, "*samples layers"]:
     """Find the `layers` nearest triangles that cover each sample, nearest first.
 
-    `listed` has the triangles of each tile, and the samples that each of them covers. Returns
-    triangle indices, with -1 where fewer triangles cover the sample.
+    Nearest is the triangle that is drawn last: depth is not looked at. `listed` has the triangles
+    of each tile, and the samples that each of them covers. `sample` has columns and rows on the
+    canvas's grid of samples. Returns triangle indices, with -1 where fewer triangles cover the
+    sample.
     """
     entries = _locate(listed.lists, sample, tiling)
     layer = jnp.arange(layers, dtype=jnp.int32)
@@ -79,7 +85,7 @@ def count_covering(listed: ListedSamples, sample: Sample, tiling: Tiling) -> Int
 
 
 def _locate(lists: TileLists, sample: Sample, tiling: Tiling) -> _Entries:
-    """Find the list of each sample's tile, and the sample's position in coverage words."""
+    """Find the list of each sample's tile, and the sample's word and bit in coverage words."""
     tile, word_index, bit = address(sample, tiling)
     return _Entries(lists.start[tile], lists.count[tile], word_index, bit)
 
