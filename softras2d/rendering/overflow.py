@@ -1,5 +1,7 @@
 """Raises an error, when a compiled program runs, for a scene that has outgrown its plan.
 
+A scene outgrows its plan if it needs longer lists than the plan has, or reaches past the guard band
+although the plan does not cut triangles there. The guard band is the canvas with a wide margin.
 Where values are known, `render` raises the error itself. Under a trace the compiled program must
 raise it. A check that only the image depends on is lost where only derivatives are asked for: the
 gradient of a loss that is linear in the image needs no pixel of it, so the compiler removes the
@@ -36,7 +38,9 @@ _LISTS = {
     "fragments": "fragments (pairs of a triangle and a pixel that shows it)",
     "runs": "runs of crossings along edges",
 }
-"""What each list of `Capacity` holds, as error messages name it."""
+"""What each list of `Capacity` holds, as error messages name it.
+
+Messages give `chunks` and `max_chunks` as numbers of slots, each of which holds one triangle."""
 
 
 class Outcome(NamedTuple):
@@ -57,7 +61,7 @@ def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
     """Compare the list lengths that a scene needed with the capacities of its plan.
 
     `leaves_guard_band` is as in `Outcome`. A plan that lists every triangle for every tile
-    (`Plan.lists_all`) has no list that can be too short.
+    (`Plan.lists_all`) has no list that can be too short. Nothing is raised here.
     """
     overflow = jnp.asarray(leaves_guard_band)
     if not plan.lists_all:
@@ -67,7 +71,11 @@ def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
 
 
 def overflow_message(outcome: Outcome, plan: Plan) -> str:
-    """Say in one line which lists were too short, by how much, and what helps."""
+    """Say in one line which lists were too short, by how much, and what helps.
+
+    Names each such list with the needed and the planned number of entries, and says so if triangles
+    reach past the guard band. Values must be known.
+    """
     slots = plan.capacity.slots_per_chunk
     unit = {"chunks": slots, "max_chunks": slots}
     exceeded = (
@@ -104,8 +112,9 @@ def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
     """Raise an error if the scene outgrew its plan; return whether it did.
 
     Raises `ValueError` at once if values are known. Under a trace, the compiled program raises it
-    when it runs, if `plan.on_overflow` is `"raise"`. If it is `"nan"`, nothing is raised, and the
-    caller must use the result. For a plan that cannot be outgrown, the result is false.
+    when it runs, if `plan.on_overflow` is `"raise"`; the check is lost if the result is not used.
+    If it is `"nan"`, nothing is raised, and the caller must use the result. For a plan that cannot
+    be outgrown, the result is false.
     """
     if plan.cannot_be_outgrown:
         return jnp.zeros((), bool)
@@ -156,7 +165,10 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
 
 @jax.custom_jvp
 def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
-    """Return the image, or NaN with NaN derivatives with respect to `floats` on `overflow`."""
+    """Return the image, or, if `overflow` is true, NaN with NaN derivatives.
+
+    The derivatives are then NaN with respect to the image and to `floats`.
+    """
     return jnp.where(overflow, jnp.nan, image)
 
 

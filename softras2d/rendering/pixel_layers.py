@@ -59,6 +59,8 @@ def checked_layers(layers: Any) -> int:
 class Slots(NamedTuple):
     """Coverage and weights of each slot's triangle at the pixels of its tile.
 
+    A slot is a triangle in the list of a tile.
+
     - `coverage`: fraction of each pixel that the slot's triangle covers; pixels row by row.
     - `weights`: barycentric weights of the three corners, in the order of the corners in the scene.
     - `chunks`: the triangle and the tile of each slot.
@@ -72,7 +74,8 @@ class Slots(NamedTuple):
 def topmost_layers(slots: Slots, tiling: Tiling, layers: int) -> tuple[Array, Array, Array]:
     """Find the first `layers` slots with coverage above 0 at each pixel.
 
-    Returns the fields `triangle`, `coverage` and `barycentric` of `PixelLayers`, in this order.
+    The slots of a tile come in reverse draw order, topmost first. Returns the fields `triangle`,
+    `coverage` and `barycentric` of `PixelLayers`, in this order.
     """
     slot = _first_slots(slots.coverage, slots.chunks, layers)
     pixels = slots.coverage.shape[1]
@@ -118,7 +121,10 @@ def _first_slots(
 
 
 def _to_canvas(values: Array, tiling: Tiling) -> Array:
-    """Rearrange values `[tiles, pixels, ...]` to an array `[height, width, ...]` of the canvas."""
+    """Rearrange values `[tiles, pixels, ...]` to an array `[height, width, ...]` of the canvas.
+
+    Pixels beyond the canvas are cut off.
+    """
     entry_shape: Any = values.shape[2:]
     split = values.reshape(tiling.rows, tiling.columns, tiling.height, tiling.width, *entry_shape)
     joined = jnp.swapaxes(split, 1, 2).reshape(*tiling.padded_shape, *entry_shape)

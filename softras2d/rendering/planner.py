@@ -138,7 +138,10 @@ def plan_for(
 
 
 def _blank(triangles: int) -> Scene:
-    """A scene of `triangles` triangles without colour variation, alpha, textures and depth."""
+    """Make a scene of `triangles` triangles without colour variation, alpha, textures and depth.
+
+    All arrays are zeros: only their shapes are of use.
+    """
     return Scene(
         positions=jnp.zeros((3, 2), jnp.float32),
         triangles=jnp.zeros((triangles, 3), jnp.int32),
@@ -211,7 +214,8 @@ def _scene_list(scene: Any) -> list[Scene]:
 def _shapes(scene: Any) -> list[Scene]:
     """Return one scene of `jax.ShapeDtypeStruct` leaves for each given scene or batch.
 
-    Scenes whose values are known are checked; raises `ValueError` for invalid ones.
+    For a batch, these are the shapes of one scene of it. Scenes whose values are known are checked;
+    raises `ValueError` for invalid ones.
     """
     given = _given_scenes(scene)
     for one in given:

@@ -29,6 +29,8 @@ from ..shading.surface import Surface, surface_of
 class Projected(NamedTuple):
     """The triangles of a scene on the sample grid, reoriented to positive area.
 
+    The guard band below is the canvas with a wide margin (`Grid.margin`).
+
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
     - `crossed_edges`: the edges as the boundary term needs them; None if `Hard.edge_gradients` is
@@ -94,7 +96,8 @@ def _crossed_edges(
 ) -> CrossedEdges:
     """Gather the edges of all triangles, and the lines of samples that each edge crosses.
 
-    `corners`, `grid_triangles` and `edges` are fields of `geometry.projection.Projection`.
+    `corners`, `grid_triangles` and `edges` are fields of `geometry.projection.Projection`, and
+    `triangles` are the vertex indices of the scene.
     """
     # These arrays are computed in separate programs: an image without its derivative needs only
     # `steep`, `first` and `count`, to compare the number of runs with its capacity.
@@ -115,7 +118,8 @@ def _reoriented_ends(
 ) -> tuple[Float[Array, "2 triangles 3"], Float[Array, "2 triangles 3"]]:
     """Compute start and end of each edge, in pixels, of the triangles reoriented to positive area.
 
-    `corners` are the snapped corners, in pixels.
+    `corners` are the snapped corners, in pixels. Edge k goes from corner k to the next corner. The
+    first axis of both results has x and y.
     """
     x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
     start = jnp.stack([x, y])
@@ -130,7 +134,7 @@ def _reoriented_vertices(
 
 
 def _is_steep(grid_triangles: GridTriangles) -> Bool[Array, "triangles 3"]:
-    """Compute `Sides.steep`."""
+    """Whether the vertical extent of each edge is no less than its horizontal extent."""
     return is_steep(grid_triangles).T
 
 
@@ -161,7 +165,8 @@ def _surface(
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
     """Static parameters of the boundary term of an image, from the capacities of a plan.
 
-    `channels` is the number of channels of the image.
+    `channels` is the number of channels of the image. The list of a tile can have as many triangles
+    as its chunks have slots.
     """
     max_chunks, max_list_length = (
         capacity.max_chunks,

@@ -80,8 +80,8 @@ def compile_render(scene: Scene, plan: Plan) -> Any:
 def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
     """Draw the image, and compare the list lengths that it needed with the plan's capacities.
 
-    One compiled program does the drawing and the comparisons. Outside it, each comparison would be
-    a program of its own.
+    Neither pads the scene nor raises an error on overflow. One compiled program does the drawing
+    and the comparisons. Outside it, each comparison would be a program of its own.
     """
     drawn = _render_one_by_one(scene, plan) if _fills_cache(scene, plan) else _render(scene, plan)
     return drawn.image, compare(drawn.needs, drawn.leaves_guard_band, plan)
@@ -89,8 +89,9 @@ def _render_and_compare(scene: Scene, plan: Plan) -> tuple[Array, Outcome]:
 
 _CACHED_PIXELS = 2**16
 """Largest number of pixels, summed over all slots of a scene, at which a CPU draws the scenes of a
-batch all at once. A larger scene fills the cache by itself, so a batch of such scenes is drawn one
-by one. Measured on two cores with 8 to 30 triangles at 28 to 128 pixels."""
+batch all at once. A slot is a triangle in a tile. A larger scene fills the cache by itself, so a
+batch of such scenes is drawn one by one. Measured on two cores with 8 to 30 triangles at 28 to 128
+pixels."""
 
 
 def _fills_cache(scene: Scene, plan: Plan) -> bool:
@@ -103,7 +104,10 @@ def _fills_cache(scene: Scene, plan: Plan) -> bool:
 
 
 def _count_pixels(scene: Scene, plan: Plan) -> int:
-    """Number of slots times the pixels of a tile: a measure of the work of drawing a scene."""
+    """Number of slots times the pixels of a tile: a measure of the work of drawing a scene.
+
+    A slot holds one triangle in one tile, or is empty. Empty slots of the plan count too.
+    """
     capacity, tiling = plan.capacity_of(scene.triangles.shape[-2]), plan.tiling
     return capacity.chunks * capacity.slots_per_chunk * tiling.height * tiling.width
 

@@ -71,8 +71,8 @@ class ReplanningGradient:
     def __call__(self, parameters: Any, *args: Any) -> Any:
         """Return the result of the loss, and its gradient with respect to `parameters`.
 
-        With `has_aux`, the result is the tuple that the loss returns. Raises `ValueError` under a
-        trace.
+        With `has_aux`, the result is the tuple that the loss returns. May replace `plan` by a
+        larger plan and repeat the step. Raises `ValueError` under a trace.
         """
         if is_traced(parameters):
             raise ValueError(

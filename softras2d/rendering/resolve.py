@@ -88,7 +88,9 @@ def _boundary(
 ) -> Float[Array, "height width channels"]:
     """Return an image of zeros whose derivative is the boundary term of the image of `resolve`.
 
-    `samples` has the triangle that shows at each sample, and the colours to compare.
+    The boundary term is the part of the derivative with respect to positions and depth that comes
+    from edges that move over samples. `samples` has the triangle that shows at each sample, and the
+    colours to compare.
     """
     scene, plan = visible.scene, visible.plan
     assert projected.crossed_edges is not None

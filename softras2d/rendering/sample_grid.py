@@ -44,7 +44,8 @@ def map_over_rows(look: Callable[..., Array], grid: Grid) -> Array:
 def buffer_index(sample: Sample, grid: Grid) -> Int[Array, "*samples"]:
     """Index of each sample in a flattened visibility buffer `[height, width, samples]`.
 
-    `sample` has columns and rows on the canvas's grid of samples.
+    `sample` has columns and rows on the canvas's grid of samples. Within a pixel, sample i lies in
+    sub-column i % rate and sub-row i // rate.
     """
     column, row = sample
     pixel = (row // grid.rate) * grid.width + column // grid.rate

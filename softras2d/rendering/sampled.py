@@ -62,9 +62,11 @@ class SampledMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Choose tiles in which a row of samples is one word, and name the lists not needed.
+        """Choose tiles in which a row of samples fits one word, and name the lists not needed.
 
-        Arguments are as in `CoverageMode.list_needs`.
+        Steps are needed for translucency and depth, fragments for opaque scenes whose colours are
+        evaluated point by point, and runs for `Hard.edge_gradients`. `max_width`, `growth` and
+        `tile_side` are ignored; `drawings` are as in `CoverageMode.list_needs`.
         """
         coverage, grid = cast(Hard, drawings[0].coverage), drawings[0].grid
         scenes = [drawing.scene for drawing in drawings]
@@ -80,7 +82,11 @@ class SampledMode(CoverageMode):
         return Listing(Tiling.one_word_wide(grid), SAMPLED_HEADROOM, unused, _count_lists)
 
     def draw(self, scene: Scene, plan: Plan, background: Float[Array, " channels"]) -> Drawn:
-        """Draw the mean of each pixel's samples: project, list, cover, shade, composite."""
+        """Draw the mean of each pixel's samples: project, list, cover, shade, composite.
+
+        The image is premultiplied, and has the channels of `background`, which is premultiplied
+        too. Its derivative includes the boundary term, unless `Hard.edge_gradients` is false.
+        """
         capacity = plan.capacity_of(scene.triangles.shape[0])
         binned = bin_scene(scene, plan)
         needs = binned.needs
@@ -114,7 +120,8 @@ def _composite_translucent(
     """Composite translucent triangles at each sample, front to back, and average over each pixel.
 
     `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
-    image, whose derivative includes the boundary term. `background` is premultiplied.
+    image, whose derivative includes the boundary term if `Hard.edge_gradients` is true.
+    `background` is premultiplied.
     """
     projected, lists, steps, _ = binned
     assert steps is not None
@@ -149,8 +156,9 @@ def _sum_opaque(
     """Average the colours of the visible samples of opaque triangles in each pixel.
 
     `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
-    image, whose derivative includes the boundary term, and the number of fragments that were needed
-    (0 if colours are not evaluated point by point). `background` is premultiplied.
+    image, whose derivative includes the boundary term if `Hard.edge_gradients` is true, and the
+    number of fragments that were needed (0 if colours are not evaluated point by point).
+    `background` is premultiplied.
     """
     tiling = plan.tiling
     front, covered = visible_samples
@@ -188,7 +196,9 @@ def _with_boundary_term(
 ) -> Array:
     """Return `image` unchanged, except that its derivative includes the boundary term.
 
-    `samples` has what shows at each sample, and the colours to compare.
+    The boundary term is the part of the derivative with respect to positions and depth that comes
+    from edges that move over samples. `samples` has what shows at each sample, and the colours to
+    compare.
     """
     assert projected.crossed_edges is not None
     shape = boundary_shape(tiling, image.shape[-1], capacity)
@@ -201,8 +211,8 @@ def _sum_slots(surface: Surface, visible: Array, chunks: Chunks, tiling: Tiling)
     """Sum the colours of the visible samples of each pixel, over the slots of each chunk.
 
     `visible` has the coverage words of the visible samples of each slot. The colours must be affine
-    on the screen. Returns `[chunks, channels, fields, word_rows]`, the layout of
-    `compositing.opaque`.
+    on the screen. Returns `[chunks, channels, fields, word_rows]`, whose last two axes have one sum
+    for each pixel of the chunk's tile, in the layout of `compositing.opaque.Packing`.
     """
     colors = surface.corners.color
     is_interpolated = colors.shape[0] == 3
@@ -224,9 +234,10 @@ def _slot_weights(
     *,
     tiling: Tiling,
 ) -> Weights:
-    """Barycentric weights of each slot's triangle, as functions of the sample within the tile.
+    """Gather the terms of the barycentric weights of each slot's triangle, within its tile.
 
-    `triangle` and `tile` are the triangle and the tile of each slot.
+    The weights are affine functions of the sample's column and row in the tile. `triangle` and
+    `tile` are the triangle and the tile of each slot.
     """
     edges, area, planes = surface[:3]
     return slot_weights(edges, area, triangle, tile, tiling, planes)

@@ -44,17 +44,22 @@ class SoftMode(AnalyticMode):
     def reach(self, coverage: Soft, max_width: float | None) -> float:
         """Distance from an edge, in pixels, at which coverage reaches 0.
 
-        It is taken at the larger of the option's width and `max_width`.
+        It is taken at the larger of the option's width and `max_width`, both in pixels. With None
+        it is taken at the option's width.
         """
         width = float(coverage.width)
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
     def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
-        """Coverage as a profile of the signed distance, and weights at the nearest point."""
+        """Return coverage as a profile of the signed distance, and weights at the nearest point.
+
+        That is the point of the triangle nearest to the pixel's centre. Both are functions, for
+        square tiles of `tile_side` pixels a side.
+        """
         return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))
 
     def parameter(self, coverage: Soft, dtype: Any) -> Array:
-        """The width of the soft edges, in pixels."""
+        """The width of the soft edges, in pixels, as a scalar array of type `dtype`."""
         return jnp.asarray(coverage.width).astype(dtype)
 
     def slot_geometry(
@@ -76,7 +81,11 @@ class SoftMode(AnalyticMode):
         chunks: Chunks,
         max_chunks: int,
     ) -> Float[Array, "4 tiles pixels"]:
-        """Composite in draw order, or mix by depth (`depth_softmax`) if the scene has depth."""
+        """Composite in draw order, or mix by depth (`depth_softmax`) if the scene has depth.
+
+        Returns premultiplied RGBA without the background. Arguments are as in
+        `AnalyticMode.composite`.
+        """
         opacity, color, depth = shaded
         if depth is None:
             return super().composite(coverage, shaded, triangles, chunks, max_chunks)

@@ -22,7 +22,10 @@ def list_for_plan(
 ) -> TileLists:
     """List the triangles that may show in each tile, or every triangle if `plan.lists_all`.
 
-    `edges`, `bounds` and `is_occluder` are as in `binning.pairs.find_pairs`.
+    - `edges`: exact edge functions under sampled coverage, or edge lines under analytic coverage.
+    - `bounds`: the samples that each triangle may touch, by its bounding box.
+    - `is_occluder`: whether each triangle is opaque wherever it covers. Triangles that it hides in
+      a whole tile are not listed for that tile.
     """
     tiling, triangles = plan.tiling, is_occluder.shape[0]
     if plan.lists_all:
@@ -51,7 +54,10 @@ def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunk
 def _meets_tile(
     bounds: SampleBounds, chunks: Chunks, tiling: Tiling
 ) -> Bool[Array, "chunks slots"]:
-    """Whether each slot has a triangle whose bounding box meets the tile of the slot's chunk."""
+    """Whether each slot has a triangle whose bounding box meets the tile of the slot's chunk.
+
+    It is false for empty slots.
+    """
     box = bounds.gather(chunks.triangle)
     column, row = (first[:, None] for first in tiling.first_sample(chunks.tile))
     overlaps = (box.left < column + tiling.sample_columns) & (box.right >= column)

@@ -233,7 +233,8 @@ def _check(plan: Plan, layers: int) -> None:
 def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outcome]:
     """Find the index of the triangle at each sample, and whether the plan was large enough.
 
-    Arguments are as in `rasterize`. The indices are laid out as `Visibility.triangle`.
+    Arguments are as in `rasterize`. The indices are laid out as `Visibility.triangle`, without an
+    axis of layers if `layers` is 1.
     """
     if scene.positions.ndim != 2:
         raise ValueError("`rasterize` takes one scene: use jax.vmap for a batched one.")
@@ -268,7 +269,7 @@ def _find_triangles(scene: Scene, plan: Plan, layers: int) -> tuple[Array, Outco
 
 @eqx.filter_jit
 def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width samples"]:
-    """Number of triangles that cover each sample, including hidden ones."""
+    """Number of triangles that cover each sample, including those that fail the depth test."""
     grid = plan.grid
     shape = (grid.height, grid.width, grid.samples)
     if scene.triangles.shape[0] == 0:

@@ -1,4 +1,8 @@
-"""The first stages of sampled coverage: tile lists, coverage words, depth test, visible samples."""
+"""The first stages of sampled coverage: tile lists, coverage words, depth test, visible samples.
+
+A *coverage word* has one bit for each sample of one row of samples of a tile (`coverage.sampled`).
+A *slot* is one triangle in the list of one tile, and a *chunk* is a few slots of the same tile.
+"""
 
 import functools
 from typing import NamedTuple
@@ -27,7 +31,7 @@ class BinnedScene(NamedTuple):
     """A scene on the sample grid, and the triangles that may be visible in each tile.
 
     - `projected`: the triangles on the sample grid.
-    - `lists`: the triangles of each tile, nearest first.
+    - `lists`: the triangles of each tile, in reverse draw order.
     - `steps`: order in which the depth test and translucency go through the lists; None if the
       scene has neither, or if translucent lists include hidden triangles.
     - `needs`: lengths needed for the lists that are made so far: strips, pairs, runs, steps.
@@ -42,8 +46,11 @@ class BinnedScene(NamedTuple):
 class VisibleSamples(NamedTuple):
     """The visible samples of each triangle, as if all triangles were opaque.
 
+    A slot is one triangle in the list of one tile.
+
     - `front`: the visible samples of each slot's triangle, and the chunks of slots.
     - `covered`: coverage words of each slot's triangle: the samples that it covers, visible or not.
+      There is one word for each row of samples of the tile, with one bit for each sample.
     """
 
     front: Front
@@ -95,7 +102,8 @@ def _total_runs(
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:
     """Find the samples of each slot at which its triangle is the nearest of all covering triangles.
 
-    With depth, only triangles that pass the depth test there count.
+    A slot is one triangle in the list of one tile. Nearest is the triangle that is drawn last. With
+    depth, only triangles that pass the depth test at the sample count.
     """
     projected, lists, _, _ = binned
     chunks = chunks_for_plan(lists, projected.bounds, plan)
@@ -120,7 +128,9 @@ def listed_words(
 ) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
     """Coverage words of each listed pair of a triangle and a tile, before and after the depth test.
 
-    If the scene has no depth, or `binned` no steps, the two results are the same.
+    There is one word for each row of samples of the tile. Its bit i is set if the triangle covers
+    sample i of the row and, in the second result, also passes the depth test there. If the scene
+    has no depth, or `binned` no steps, the two results are the same.
     """
     projected, lists, steps, _ = binned
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling
