@@ -23,8 +23,9 @@ CornerWeights = tuple[Array, Array, Array]
 class CornerAttributes(NamedTuple):
     """Vertex attributes at the corners of triangles, reoriented to positive orientation.
 
-    The last axes are the triangles of the scene, or lanes with one triangle each (`surface`). None
-    means that the scene does not have the attribute.
+    Reorienting exchanges corners 1 and 2 of triangles of negative area. The last axes are the
+    triangles of the scene, or lanes with one triangle each (`surface`). None means that the scene
+    does not have the attribute.
 
     - `color`: straight RGB or RGBA; one corner for triangles of one colour, else three.
     - `inverse_w`: 1/w of the projection, positive.
@@ -76,7 +77,10 @@ def corner_attributes(
 def _reorient_channels(
     values: Float[Array, "triangles 3 channels"], orientation: Int[Array, " triangles"]
 ) -> Float[Array, "3 channels triangles"]:
-    """Reorient values of corners to positive orientation (`at_corners`), and put triangles last."""
+    """Reorient values of corners to positive orientation, and put triangles last.
+
+    Corners 1 and 2 are exchanged where `orientation`, the sign of the area, is -1.
+    """
     return jax.vmap(reorient, (1, None), 1)(values.transpose(1, 2, 0), orientation)
 
 
@@ -85,7 +89,9 @@ def perspective_weights(
 ) -> CornerWeights:
     """Convert barycentric weights on the screen to weights on the triangle in space.
 
-    `inverse_w` is 1/w of the three corners. If it is None the weights are returned unchanged.
+    `inverse_w` is 1/w of the three corners. If it is None the weights are returned unchanged. Far
+    outside a triangle, where the sum of the weights times `inverse_w` falls below half of the least
+    `inverse_w`, this half takes its place; the results then do not sum to 1.
     """
     first, second, third = weights
     if inverse_w is None:
@@ -105,7 +111,8 @@ def interpolate(
 ) -> Float[Array, "channels *points"]:
     """Interpolate the values of three corners by the barycentric weights of the corners.
 
-    If `corners` has one corner only, its value is returned, and the weights do not matter.
+    The weight of corner 0 is taken as 1 minus the two others. If `corners` has one corner only, its
+    value is returned, and the weights do not matter.
     """
     if corners.shape[0] == 1:
         return corners[0]

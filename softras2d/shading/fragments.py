@@ -3,7 +3,9 @@
 Shading visits a list of fragments, so hidden triangles cost nothing. An opaque scene has about one
 fragment per pixel, and one more where a visible edge crosses the pixel.
 
-Slots and chunks, from which fragments are listed, are defined in `binning.lists`.
+Fragments are listed from slots: a *slot* holds one triangle in the list of one tile, and a *chunk*
+is a few slots of the same tile (`binning.lists`). A *coverage word* has one bit for each sample of
+a row of samples of a tile; the words of a tile are stored sub-row by sub-row (`coverage.sampled`).
 """
 
 import functools
@@ -42,8 +44,9 @@ class Fragments(NamedTuple):
 def visible_pixels(visible: Any, tiling: Tiling) -> Any:
     """Mark the pixels that have a visible sample, in one word for each row of pixels of a tile.
 
-    `visible` are the coverage words of visible samples, `[*slots, rows]`. The result is words
-    `[*slots, tile_height]`, in which the bit of the pixel's first sample marks the pixel. Works for
+    `visible` are the coverage words of visible samples, `[*slots, rows]`: one word for each row of
+    samples of the tile, one bit for each sample. The result is words `[*slots, tile_height]`, in
+    which the bit of the pixel's first sample, bit x * rate for pixel x, marks the pixel. Works for
     NumPy and JAX alike.
     """
     rate, height = tiling.grid.rate, tiling.height
@@ -60,7 +63,7 @@ def visible_pixels(visible: Any, tiling: Tiling) -> Any:
 def list_fragments(
     visible: UInt32[Array, "chunks slots rows"], tiling: Tiling, *, capacity: int
 ) -> Fragments:
-    """List the fragments, in arrays of `capacity` entries.
+    """List the fragments, pairs of a triangle and a pixel that shows it, in `capacity` entries.
 
     `visible` are the coverage words of the samples at which each slot's triangle is visible. If
     there are more than `capacity` fragments, some are missing (`Fragments.needed`).
@@ -93,6 +96,8 @@ def _locate(
     tiling: Tiling,
 ) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
     """Find the slot of each fragment, and the column and row of its pixel in the tile.
+
+    A slot is a triangle in the list of a tile. Column and row are in pixels.
 
     - `pixel_words`: the words of `_count_pixels`.
     - `pixel_row`: index into these words, for each fragment.
@@ -132,8 +137,12 @@ def gather_bits(
 ) -> UInt32[Array, "sub_rows fragments"]:
     """Cut the samples of each fragment's pixel out of the coverage words of its slot.
 
-    `words` are coverage words. `slot`, `column`, `row` and the result are as in `Fragments`. The
-    result is 0 where `column` is -1.
+    - `words`: coverage words of each slot, one for each row of samples of its tile.
+    - `slot`: index of each fragment's slot in the flattened chunks.
+    - `column`, `row`: column and row of the pixel within the tile, in pixels.
+
+    The result has a word for each row of samples of the pixel, in which bit i is sample i of this
+    row. It is 0 where `column` is -1.
     """
     rate = tiling.grid.rate
     sub_row = jnp.arange(rate, dtype=jnp.int32)[:, None]
@@ -147,9 +156,10 @@ def gather_bits(
 def sample_points(
     fragments: Fragments, sub_row: Int[Array, ""], sub_column: Int[Array, ""], tiling: Tiling
 ) -> Points:
-    """Make the points that lie at the same sample of each fragment's pixel.
+    """Make the points that lie at the same sample of each fragment's pixel, one per fragment.
 
-    `sub_row` and `sub_column` are the row and the column of the sample in the pixel, from 0.
+    `sub_row` and `sub_column` are the row and the column of the sample in the pixel, from 0. Points
+    are counted in samples from the first sample of the fragment's tile.
     """
     rate = tiling.grid.rate
     across, down = fragments.column * rate + sub_column, fragments.row * rate + sub_row
@@ -171,9 +181,10 @@ def shading_points(
     centre of the pixel if the closed triangle contains it. Otherwise it is the centroid of those
     samples of the pixel that the triangle covers, whether they are visible or not.
 
-    - `covered`: all samples that the triangle covers, laid out like `Fragments.bits`.
+    - `covered`: the samples of the fragment's pixel that the triangle covers, visible or not, laid
+      out like `Fragments.bits`.
     - `edges`: edge functions of all triangles.
-    - `weights`: terms of the barycentric weights, gathered for each fragment.
+    - `weights`: terms of the barycentric weights of the fragment's triangle, for each fragment.
     - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     """
     # `weights` already contains the other two edges.
@@ -199,13 +210,17 @@ def shading_points_of_samples(
 ) -> Points:
     """Choose the point at which multisampling shades a triangle in the pixel of a sample.
 
-    The point is the same as in `shading_points`, but all samples of the pixel are tested again, for
-    callers that have no fragments. It is relative to the tile in which the sample lies.
+    The point is the centre of the pixel if the closed triangle contains it, or if the triangle
+    covers no sample of the pixel. Otherwise it is the centroid of the samples of the pixel that the
+    triangle covers. This is as in `shading_points`, but all samples of the pixel are tested again,
+    for callers that have no fragments. A lane is one of these samples with its triangle. The point
+    is relative to the tile in which the sample lies.
 
+    - `edges`: edge functions of all triangles.
     - `bounds`: bounding boxes of all triangles, in samples.
     - `weights`: terms of the barycentric weights, gathered for each lane.
     - `triangle`: index of the triangle, for each lane.
-    - `column`, `row`: column and row of the sample on the canvas, for each lane.
+    - `column`, `row`: column and row of the sample on the canvas's grid of samples.
     """
     rate = tiling.grid.rate
     left, top = column - column % tiling.sample_columns, row - row % tiling.sample_rows
@@ -272,8 +287,8 @@ def _is_central(
     """Whether each fragment is shaded at the centre of its pixel.
 
     It is if the closed triangle contains the centre, or if `count`, the number of samples of the
-    pixel that the triangle covers, is 0. `middle_edge` is edge 1 of the fragment's triangle;
-    `weights` contains the other two edges.
+    pixel that the triangle covers, is 0. `column` and `row` are the pixel within its tile.
+    `middle_edge` is edge 1 of the fragment's triangle; `weights` contains the other two edges.
     """
     edges = [weights.edges.gather(0), weights.edges.gather(1), middle_edge]
     return contains(edges, _centre(column, row, rate)) | (count == 0)
@@ -291,9 +306,10 @@ def _choose_point(
 ) -> Points:
     """Select the centre of each pixel where `is_central`, else the centroid of its covered samples.
 
-    - `column`, `row`: the pixel, within its tile.
+    - `column`, `row`: the pixel, within its tile, in pixels.
     - `count`: number of covered samples of the pixel.
     - `across`, `down`: sums of these samples' columns and rows within the pixel.
+    - `rate`: number of samples along a side of a pixel.
     """
     centre = _centre(column, row, rate)
     return Points(
@@ -315,6 +331,7 @@ def _centre(column: Int[Array, " fragments"], row: Int[Array, " fragments"], rat
 def contains(edges: list[Edge], points: Points) -> Bool[Array, "*points"]:
     """Whether the triangle within three edges, boundary included, contains each point.
 
+    The edges are edge functions of one triangle for each point, in the samples of the point's tile.
     The points must have a `count`. The decision is exact also for points between samples.
     """
     count, across, down = points

@@ -66,6 +66,8 @@ class TriangleAttributes(NamedTuple):
 class CornerColors(NamedTuple):
     """Opaque colours of slots that are yet to be interpolated at the pixels of their tiles.
 
+    A slot is a triangle in a tile.
+
     - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
     - `positions`: x and y of each corner of each slot's triangle in turn, in pixels.
     - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
@@ -79,7 +81,7 @@ class CornerColors(NamedTuple):
 
 
 class ShadedSlots(NamedTuple):
-    """Opacity, colour and depth of each slot at the pixels of its tile.
+    """Opacity, colour and depth of each slot, a triangle in a tile, at the pixels of the tile.
 
     - `opacity`: coverage times alpha, 0..1.
     - `color`: straight RGB; the axis of pixels has length 1 if each slot has one colour. A
@@ -105,7 +107,10 @@ def shade_slots(
 ) -> ShadedSlots:
     """Compute opacity, colour and depth of every slot at every pixel of its tile.
 
-    - `coverage`: covered fraction of each pixel.
+    A slot is a triangle in a tile.
+
+    - `attributes`: colours, textures and depth of all triangles.
+    - `coverage`: covered fraction of each pixel, 0..1.
     - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
     - `corners`: x and y of each corner of each slot's triangle in turn, in pixels.
     - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
@@ -170,7 +175,7 @@ def _interpolate_depth(
 def _channels_second(
     color: Float[Array, "channels slots #pixels"],
 ) -> Float[Array, "slots 3 #pixels"]:
-    """Drop alpha, and move the axis of channels behind the axis of slots."""
+    """Drop alpha, if there is one, and move the axis of channels behind the axis of slots."""
     return color[:3].transpose(1, 0, 2)
 
 
@@ -181,7 +186,9 @@ def _shade_texture(
     on_screen: CornerWeights,
     lines: TriangleLines,
 ) -> Float[Array, "channels slots pixels"]:
-    """Compute the premultiplied colours of textured triangles, summed over all texture probes.
+    """Compute the premultiplied colours of textured triangles, averaged over all texture probes.
+
+    A probe is one of several reads of a texture, spread over the footprint of a pixel.
 
     - `corners`, `texture`: corner attributes and index of the texture of each slot's triangle.
     - `on_screen`: barycentric weights at each pixel, on the screen.

@@ -100,7 +100,8 @@ def _sum_probes(
 ) -> Float[Array, "channels points"]:
     """Mean of the texels that the probes of each point read, as RGB or premultiplied RGBA.
 
-    `chosen` has the mip levels and the probes of each point.
+    A probe is one of several reads, spread over the footprint of a pixel. `chosen` has the mip
+    levels and the probes of each point, and `uv` the point in the middle of its probes.
     """
 
     def add_probe(total: Array, probe: Array) -> tuple[Array, None]:

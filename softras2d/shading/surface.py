@@ -57,7 +57,8 @@ class Surface(NamedTuple):
     """All data of the triangles that shading needs, for all triangles of a scene.
 
     - `edges`: exact edge functions.
-    - `area`: twice the area of each triangle, from `barycentric.twice_area`, which says the unit.
+    - `area`: twice the area of each triangle, from `barycentric.twice_area`, in units of 2^-bits /
+      rate square pixels with the fields of `Grid`.
     - `planes`: barycentric weights of triangles past the guard band; None if there can be none.
     - `corners`: colours, texture coordinates and `inverse_w` at the corners.
     - `texture`: index of each triangle's texture, -1 for none; None for a scene without textures.
@@ -80,7 +81,10 @@ class Surface(NamedTuple):
 
     @property
     def probes(self) -> int:
-        """Number of texture probes at each point; 1 for a surface without textures."""
+        """Greatest number of texture probes at each point; 1 for a surface without textures.
+
+        A probe is one of several reads of a texture, whose mean is taken.
+        """
         return 1 if self.textures is None else self.filter.anisotropy
 
     def with_colors(self, colors: Float[Array, "corners channels triangles"]) -> "Surface":
@@ -89,7 +93,7 @@ class Surface(NamedTuple):
 
     @property
     def is_flat(self) -> bool:
-        """Whether each triangle has one colour."""
+        """Whether each triangle has one colour: there are no textures and no corner colours."""
         return self.textures is None and self.corners.color.shape[0] == 1
 
     def weight_terms(
@@ -106,6 +110,8 @@ class Surface(NamedTuple):
 
 class Lanes(NamedTuple):
     """The data of a surface gathered for lanes; the last axis of every entry is `lanes`.
+
+    A lane is one item to be shaded: a triangle in a tile, or in a pixel of a tile.
 
     - `weights`: terms of the barycentric weights of the lane's triangle in its tile.
     - `corners`, `texture`: as in `Surface`, for the triangle of each lane.
@@ -161,7 +167,10 @@ def gather_lanes(tree: Tree, lane: Int[Array, " gathered"]) -> Tree:
 def surface_lanes(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Lanes:
-    """Gather the data of a surface for lanes, each of which is a triangle in a tile."""
+    """Gather the data of a surface for lanes, each of which is a triangle in a tile.
+
+    Lane k is triangle `triangle[k]` in tile `tile[k]`.
+    """
     weights = _lane_weights(surface, triangle, tile, tiling)
     corners, texture = gather_lanes((surface.corners, surface.texture), triangle)
     chosen = None
@@ -184,8 +193,9 @@ def level_chooser(
 ) -> Callable[[Array], LevelsAndProbes | None]:
     """Make the function from (u, v) at points to the mip levels and probes of the lookup there.
 
-    `weights` are the barycentric weights at the points, on the triangle in space. The function
-    returns None for a surface without textures.
+    `weights` are the barycentric weights at the points, on the triangle in space. Without
+    perspective the answer is the same for all points of a lane, and (u, v) is not read. The
+    function returns None for a surface without textures.
     """
 
     def choose(uv: Array) -> LevelsAndProbes | None:
@@ -220,7 +230,7 @@ def pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
     """Compute the change of two weights for a step of one pixel along x (axis 0) or y (axis 1).
 
     They are the barycentric weights of corners 1 and 2 on the screen. `weights` has the terms from
-    which they are computed.
+    which they are computed. The result has the change of corner 1, then that of corner 2.
     """
     sample_step = weights.edges.right if axis == 0 else weights.edges.down
     step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]

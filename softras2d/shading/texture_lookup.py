@@ -72,6 +72,9 @@ def _with_alpha(texels: Float[Array, "texels channels"]) -> Float[Array, "texels
 class LevelsAndProbes(NamedTuple):
     """Mip levels from which a texture is read, and the probes at which it is read, for each point.
 
+    A probe is one of several reads of a texture, whose mean is taken.
+
+    - `levels`: the one or two mip levels that every probe reads.
     - `count`: number of probes, a whole number; None for a single probe.
     - `axis`: vector (u, v) over which the probes are evenly spread, where 1 is the extent of the
       image; None for a single probe.
@@ -83,10 +86,12 @@ class LevelsAndProbes(NamedTuple):
 
 
 PixelStep = tuple[Array, Array]
-"""Change of the weights of corners 1 and 2 on the screen for a step of one pixel."""
+"""Change of the barycentric weights of corners 1 and 2 on the screen for a step of one pixel along
+one axis: an array for corner 1 and an array for corner 2."""
 
 PerspectivePoint = tuple[CornerWeights, Float[Array, "2 *points"]]
-"""Weights of the corners in space, and (u, v), at each point."""
+"""A point of a triangle in perspective: the barycentric weights of the corners on the triangle in
+space, and the texture coordinates (u, v) of the point."""
 
 
 def choose_levels_and_probes(
@@ -100,9 +105,9 @@ def choose_levels_and_probes(
 
     - `steps`: change of the weights for a step of one pixel along x, and for a step along y.
     - `corners`: corner attributes of each lane's triangle.
-    - `texture`: index of each lane's texture.
-    - `point`: None where the map to the texture is affine, so that its derivative is the same at
-      all points of a triangle.
+    - `texture`: index of each lane's texture. The choice has no meaning where it is -1.
+    - `point`: the point at which the derivative is taken. None if the map to the texture is affine,
+      so that its derivative is the same at all points of a triangle.
     """
     assert texture is not None
     x, y = (uv_derivative(step, corners, point) for step in steps)
@@ -117,8 +122,9 @@ def levels_and_probes_of(
 ) -> LevelsAndProbes:
     """Choose mip levels and probes from the change of (u, v) from pixel to pixel.
 
-    `x` and `y` are the changes of (u, v) for a step of one pixel along x and along y. `texture` is
-    the index of each lane's texture; the choice has no meaning where it is -1.
+    `x` and `y` are the changes of (u, v), of which 1 is the extent of the image, for a step of one
+    pixel along x and along y. `texture` is the index of each lane's texture; the choice has no
+    meaning where it is -1.
     """
     table = textures.pyramid.levels
     base = table[:, 0].at[texture].get(mode="clip")
@@ -139,8 +145,9 @@ def uv_derivative(
     """Compute the change of (u, v) for a step of one pixel, to first order.
 
     `step` is the change of the weights of corners 1 and 2 for this step. In perspective the change
-    of (u, v) is evaluated at `point`. The derivative of a quotient u = U / Q is (U' - u Q') / Q. It
-    is summed over the corners as w_i' q_i (u_i - u), in which no large numbers cancel.
+    of (u, v) is evaluated at `point`; with a `point` of None it is the same everywhere. The
+    derivative of a quotient u = U / Q is (U' - u Q') / Q. It is summed over the corners as w_i' q_i
+    (u_i - u), in which no large numbers cancel.
     """
     assert corners.uv is not None
     second, third = step
@@ -161,8 +168,9 @@ def probe_point(
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"] | None]:
     """Compute the (u, v) at which one probe reads the texture, and the probe's share in the mean.
 
-    `probe` is the number of the probe, from 0. `uv` is the point that is shaded. A share of None
-    means 1.
+    A probe is one of several reads of a texture, whose mean is taken. `probe` is its number, from
+    0. `uv` is the point that is shaded, in the middle of its probes. A share of None means 1; the
+    share is 0 for a probe beyond the number of probes of the point.
     """
     if chosen.count is None or chosen.axis is None:
         return uv, None

@@ -26,7 +26,9 @@ def shade(
 ) -> Float[Array, "channels lanes"]:
     """Compute the premultiplied colour of each lane's triangle at one point per lane.
 
-    The triangle need not cover the point. The contributions of all texture probes are summed.
+    A lane is a triangle in a tile, or in a pixel of a tile. The triangle need not cover the point.
+    The contributions of all texture probes are summed; a probe is one of several reads of a
+    texture, whose mean is taken.
     """
 
     def visit(total: Array, probe: Array) -> tuple[Array, None]:
@@ -51,10 +53,11 @@ def add_shade(
 ) -> Float[Array, "channels lanes"]:
     """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
-    There are `surface.channels` channels and one point per lane. A `shown` of None adds everywhere.
-    If textures are read at several probes, only the contribution of the probe with number `probe`
-    is added; the caller calls this for each of `0..surface.probes - 1`. The addition happens here
-    so that the texels read are not stored.
+    A lane is a triangle in a tile, or in a pixel of a tile. There are `surface.channels` channels
+    and one point per lane. A `shown` of None adds everywhere. If textures are read at several
+    probes, only the contribution of the probe with number `probe` is added; the caller calls this
+    for each of `0..surface.probes - 1`. The addition happens here so that the texels read are not
+    stored.
     """
     weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)
     choose = level_chooser(surface, lanes, weights, tiling)
@@ -77,7 +80,10 @@ def _weights_at(
 
 @materialized
 def _screen_weights_at(weights: Weights, points: Points) -> CornerWeights:
-    """Compute the barycentric weights on the screen at points, from their terms `weights`."""
+    """Compute the weights of the three corners on the screen at points, from the terms `weights`.
+
+    A point that is the mean of several samples gets the mean of their weights.
+    """
     count, across, down = points
     if count is None:
         return weight_sums(weights, jnp.ones_like(across), across, down)
@@ -103,7 +109,9 @@ def add_color(
     - `corners`: corner attributes of the triangle of each lane.
     - `texture`, `textures`: index of each triangle's texture, and all textures; None without any.
     - `choose`: maps (u, v) to the mip levels and probes of the lookup there.
-    - `shown`, `probe`: as in `add_shade`.
+    - `shown`: where to add; None adds everywhere.
+    - `probe`: number of the one texture probe, from 0, whose contribution is added. Without
+      textures it does not matter.
     """
     color = corners.color
     # A single corner is not copied.

@@ -1,6 +1,7 @@
 """Read a texture at a point: a mix of the texels around it, in one mip level or two.
 
-A tap is one of the texels that are mixed.
+Texture coordinates u (right) and v (down) are 0..1 across the image, at every level. A tap is one
+of the texels that are mixed.
 
 **Gradients** with respect to u and v are the derivatives of the mix (`texel_filters`). On a clamped
 border they are the limit from inside, and beyond it they are zero.
@@ -67,7 +68,10 @@ class LevelTaps(NamedTuple):
 
 
 def tap_levels(levels: Levels, uv: Float[Array, "2 *points"], lookup: Lookup) -> LevelTaps:
-    """Find the texels to mix at the texture coordinates `uv`, in the chosen mip levels."""
+    """Find the texels to mix at the texture coordinates `uv`, in the chosen mip levels.
+
+    `uv` has u and v, 0..1 across the image. `lookup` says what lies beyond.
+    """
     taps = materialized(functools.partial(_taps, lookup=lookup))
     fine = taps(levels.fine, uv)
     if levels.coarse is None:
@@ -116,13 +120,17 @@ def _read(
 
 
 def _mix(values: list[Array], weights: tuple[Array, ...]) -> Array:
-    """Sum the values times their weights."""
+    """Sum the values times their weights, of which there are as many."""
     products = [value * weight for value, weight in zip(values, weights, strict=True)]
     return functools.reduce(jnp.add, products)
 
 
 def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
-    """Find the texels to mix in one mip level at the texture coordinates `uv`."""
+    """Find the texels to mix in one mip level at the texture coordinates `uv`, 0..1 in the image.
+
+    Unless the texture repeats, points beyond the border read it as at the border, with zero
+    gradient.
+    """
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1
 
@@ -156,7 +164,9 @@ def _neighbor(
     """Find the texel that lies `offset` texels after another, by the rule for the border.
 
     `texel` and the result are indices along u and along v. `last` is the index of the last texel
-    along each axis.
+    along each axis. Beyond the border the index wraps around if the texture repeats, else it is
+    clamped. With `addressing="corners"`, the first and the last texel of a repeated texture are
+    one, so that its period is one texel less.
     """
     neighbor = texel + offset
     # `texel` is -1..last if periodic, else 0..last - 1, or 0..last for a single tap. A small

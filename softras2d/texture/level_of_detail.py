@@ -49,6 +49,8 @@ class Footprint(NamedTuple):
 class Probes(NamedTuple):
     """Level of detail at which a footprint is read, and the probes at which it is read.
 
+    A probe is one of several reads of the texture, whose mean is taken.
+
     - `level`: the level of detail, 0 for the base level, including the bias; not clamped.
     - `count`: number of probes, evenly spread over the major axis; None for a single probe.
     - `axis_u`, `axis_v`: the major axis of the footprint's ellipse, in base texels; None for a
@@ -66,7 +68,9 @@ def level_and_probes(footprint: Footprint, filter: Filter) -> Probes:
 
     The footprint's entries are in texels of the base level per pixel. `filter` gives the bias of
     the level and the greatest number of probes (`anisotropy`). With an anisotropy of 1, the level
-    without bias is log2 of the longer of the changes along x and along y.
+    without bias is log2 of the longer of the changes along x and along y. Otherwise the number of
+    probes is the ratio of the axes of the footprint's ellipse, rounded up and limited, and the
+    level without bias is log2 of the longer axis divided by this number.
     """
     # With this bound fourth powers stay finite in float32; no texture is as large.
     u_x, v_x, u_y, v_y = (jnp.clip(entry, -_LARGE, _LARGE) for entry in footprint)
@@ -139,9 +143,11 @@ def choose_levels(
 ) -> Levels:
     """Choose the mip levels to read for a level of detail.
 
+    - `level_of_detail`: 0 for the base level, 1 for the level of half the size, and so on.
     - `texture`: index of the texture at each point.
     - `table`: `TexturePyramid.levels`.
-    - `level_filter`: `Filter.level`; `"nearest"` rounds halves up.
+    - `level_filter`: `Filter.level`. `"zero"` chooses the base level, `"nearest"` rounds to one
+      level, halves up, and `"linear"` mixes the two levels around the level of detail.
 
     The level of detail is clamped to the existing levels, with zero gradient where it is clamped.
     """
@@ -168,7 +174,8 @@ def _level_below(
 ) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
     """Find the index of the finer of the two levels that are mixed, and the weight of the coarser.
 
-    The level of detail is clamped to 0..`last`.
+    The level of detail is clamped to 0..`last`. The finer level is at most `last` - 1: at the last
+    level it has the weight 0.
     """
     level_of_detail = _clamp(level_of_detail, last)
     lower = jnp.minimum(jnp.floor(level_of_detail), last - 1.0)
@@ -188,7 +195,7 @@ def _level_at(
     texture: Int[Array, "*points"],
     index: Int[Array, "*points"],
 ) -> Level:
-    """Read the level of number `index` of each point's texture from the table of levels."""
+    """Read the level of number `index`, 0 for the base, of each point's texture from the table."""
     entry = texture * table.shape[1] + index
     # A column at a time: XLA computes the index again for each number of a row.
     columns = jnp.moveaxis(table, -1, 0).reshape(3, -1)

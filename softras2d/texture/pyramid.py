@@ -1,4 +1,7 @@
-"""Mip pyramids: every level of every texture in one array, with a table of where each begins."""
+"""Mip pyramids: every level of every texture in one array, with a table of where each begins.
+
+Level 0, the base level, is the image itself. Each further level halves height and width.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +22,8 @@ from ..numerics.device import to_device, to_host
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
 
-    - `texels`: RGB or premultiplied RGBA, level after level, row after row; about 4/3 as many as
-      the base levels have.
+    - `texels`: RGB or premultiplied RGBA, texture after texture, level after level, row after row;
+      about 4/3 as many as the base levels have.
     - `levels`: for each texture and level, the index of its first texel, its height and its width
       in texels. A texture with fewer levels than others repeats its last level.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
@@ -99,9 +102,10 @@ class TexturePyramid(eqx.Module):
 
 
 def _image(image: Any, index: int) -> Any:
-    """Check an image and convert it to floats; `index` is its number in errors.
+    """Check an image and convert it to float32 or float64; `index` is its number in errors.
 
-    Concrete images stay in NumPy, where nothing is compiled.
+    Concrete images stay in NumPy, where nothing is compiled. Raises `ValueError` as
+    `TexturePyramid.build` does.
     """
     image = to_host(image)
     if image.ndim != 3 or image.shape[-1] not in (3, 4) or 0 in image.shape:
@@ -135,7 +139,10 @@ def _with_channels(image: Any, channels: int) -> Any:
 
 
 def _chain(base: Any) -> list[Any]:
-    """List the mip levels of an image: the image itself, then its halvings down to one texel."""
+    """List the mip levels of an image: the image itself, then its halvings down to one texel.
+
+    Each level is an array `[height, width, channels]`.
+    """
     chain = [base]
     while max(chain[-1].shape[:2]) > 1:
         chain.append(_halve(_halve(chain[-1], 0), 1))

@@ -22,7 +22,8 @@ from ..names import PixelFilter
 class AbstractTexelFilter(eqx.Module):
     """Interface: weights of the texels around a position on an axis where texel i lies at i.
 
-    For a position, let `start = floor(position + shift)`.
+    For a position, in texels, let `start = floor(position + shift)`. A tap is one of the texels
+    that are mixed.
 
     - `taps`: number of neighbouring texels that are mixed.
     - `first`: index of the first of these texels, minus `start`.
