@@ -75,7 +75,7 @@ def path(name: str) -> Path:
 def dialect(name: str) -> SvgDialect:
     """The dialect of SVG, `"svg"` or `"course"`, in which the file of a bundled scene is written.
 
-    It is `"svg"` for a scene without a file.
+    It is `"svg"` for a scene without a file, and for any other name.
     """
     return _READ_OPTIONS.get(name, {}).get("dialect", "svg")
 

@@ -41,7 +41,10 @@ def piece_class(triangles: int) -> int:
 
 
 def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
-    """Take triangles by index from a scene of host arrays, with only the vertices that they use."""
+    """Take triangles by index from a scene of host arrays, with only the vertices that they use.
+
+    The triangles come in the order of `triangle`, which has their indices.
+    """
     vertex, renumbered = np.unique(scene.triangles[triangle], return_inverse=True)
     selected = _with_entries(
         scene,
@@ -55,7 +58,8 @@ def take_piece(scene: Scene, triangle: Int[np.ndarray, " triangles"]) -> Piece:
 def padded(piece: Piece) -> Scene:
     """Return the scene of a piece, padded with triangles that cover nothing.
 
-    It has `piece_class` triangles, and three times as many vertices.
+    It has `piece_class` triangles, and three times as many vertices. A scene without triangles is
+    returned unchanged.
     """
     size = piece_class(len(piece.triangle))
     return pad_to(piece.scene, size, 3 * size)
@@ -64,8 +68,8 @@ def padded(piece: Piece) -> Scene:
 def blank_piece(scene: Scene) -> Piece:
     """Make a piece of `scene` that shows nothing but the background.
 
-    Its only triangle covers nothing, and is not counted in `Piece.triangle`. If `scene` has no
-    triangles, the piece has none either.
+    Its only triangle covers nothing, and is not counted in `Piece.triangle`, which is empty, as is
+    `Piece.vertex`. If `scene` has no triangles, the piece has none either.
     """
     no_indices = np.zeros(0, np.int32)
     if len(scene.triangles) == 0:
@@ -78,10 +82,10 @@ def blank_piece(scene: Scene) -> Piece:
 def with_witness(scene: Scene, is_negative: bool) -> Scene:
     """Append a triangle, the witness, that decides which triangles of a piece are subtracted.
 
-    `Area("sum")` subtracts each triangle whose signed area has the opposite sign to the sum of all
-    signed areas. The witness lies far off every canvas, and is so large that it decides the sign of
-    the sum: negative if `is_negative`, else positive. So a piece with the witness subtracts the
-    same triangles as the whole scene.
+    `scene` has host arrays and at least one triangle. `Area("sum")` subtracts each triangle whose
+    signed area has the opposite sign to the sum of all signed areas. The witness lies far off every
+    canvas, and is so large that it decides the sign of the sum: negative if `is_negative`, else
+    positive. So a piece with the witness subtracts the same triangles as the whole scene.
     """
     corners = np.array([[-3, -3], [-1, -3], [-3, -1]]) * 2.0**38
     corners = corners[::-1] if is_negative else corners

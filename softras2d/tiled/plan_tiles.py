@@ -46,13 +46,13 @@ _MOST_PIXELS = 2**20
 class TiledPlan:
     """How to draw one scene on a large canvas window by window, made by `plan_tiles`.
 
-    - `cut`: the canvas and its windows, in pixels.
+    - `cut`: the canvas and its windows, each a square of the canvas that is drawn by itself.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `border`: width, in pixels, of the margin that is drawn around each window, for gradients with
       respect to positions; 0 for none (`Cut.frame`).
     - `lists`: indices of the triangles of each window.
-    - `plans`: for each size class (`pieces.piece_class`), the plan of the windows whose piece of
-      the scene has this class.
+    - `plans`: for each size class, a number of triangles after padding (`pieces.piece_class`), the
+      plan of the windows whose triangles are padded to this number.
     - `witness`: for `Area("sum")`, the sign of the sum of all signed areas, 1 or -1, which decides
       which triangles are subtracted (`pieces.with_witness`); None for other coverage.
     - `has_gradients`: whether the plan is for `tiled_value_and_grad`.
@@ -103,7 +103,7 @@ class TiledPlan:
         return self.lists.triangles_of(number)
 
     def _class_of(self, number: int) -> int:
-        """Size class of the piece of the scene that the window of this number draws."""
+        """Size class, in triangles, of the piece of the scene that this window draws."""
         return piece_class(len(self.lists.triangles_of(number)) + (self.witness is not None))
 
     def __repr__(self) -> str:
@@ -237,7 +237,7 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
 def _boxes(corners: np.ndarray, canvas: Drawing, border: int, mode: CoverageMode) -> Boxes:
     """Bounding box of the pixels of the canvas whose value or gradient each triangle can change.
 
-    `corners` are in pixels of the scene.
+    `corners` are in pixels of the scene, and `border` is the width of the border of a window.
     """
     if isinstance(mode, AnalyticMode):
         # One pixel more than the coverage reaches, for rounding errors.
@@ -341,7 +341,7 @@ _NO_LISTS = Counts(0, 0, np.zeros(1, np.int64), runs=0)
 
 
 def _compact(counts: Counts) -> Counts:
-    """Drop empty tiles, of which there may be millions, from `Counts.list_lengths`."""
+    """Drop empty tiles, maybe millions, from `Counts.list_lengths`; keep one if all are empty."""
     lengths = counts.list_lengths[counts.list_lengths > 0]
     return counts._replace(list_lengths=lengths if len(lengths) else np.zeros(1, np.int64))
 
@@ -349,9 +349,10 @@ def _compact(counts: Counts) -> Counts:
 def _counts_of_canvas(windows: _Windows, counts: dict[int, Counts], listing: Listing) -> Counts:
     """List lengths of the whole canvas, from which the slots per chunk of all windows are chosen.
 
-    `counts` has the counts of each window that shows triangles. Windows of the last row and column
-    are drawn at full size and reach beyond the canvas, so they are counted again without the tiles
-    beyond it. Only `list_lengths` of the result is used.
+    `counts` has the counts of each window that shows triangles. Under sampled coverage and without
+    a border, windows of the last row and column are drawn at full size and reach beyond the canvas,
+    so they are counted again without the tiles beyond it. Only `list_lengths` of the result is
+    used.
     """
     lengths = [np.zeros(1, np.int64)]
     for number, window_counts in counts.items():

@@ -38,9 +38,9 @@ def render_tiles(
     Each image is a part of the image that `render` would draw, `[window.height, window.width,
     channels]` in the dtype of the positions. At most two windows per device are in memory.
 
-    Raises `ValueError` for a window that does not exist, for a traced scene or one with fewer
-    triangles, and if triangles have moved since the plan was made and outgrow it. A triangle that
-    has moved into another window is missing there: plan again.
+    Raises `ValueError`, not before the first window is asked for, for a window that does not exist,
+    for a traced scene or one with fewer triangles, and if triangles have moved since the plan was
+    made and outgrow it. A triangle that has moved into another window is missing there: plan again.
     """
     for number in () if windows is None else windows:
         if not 0 <= number < plan.cut.count:
@@ -68,7 +68,7 @@ def render_tiles(
 
 
 def piece_of(host: Scene, plan: TiledPlan, number: int) -> Piece | None:
-    """Take the triangles of the window of this number; None if no triangle comes near it.
+    """Take the triangles of the window of this number; None if its list has no triangle.
 
     `host` is the scene that `host_scene` returned. If the plan has a witness
     (`pieces.with_witness`), the piece gets it as its last triangle.

@@ -100,7 +100,10 @@ def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
 
 
 def _zeros(scene: Scene) -> dict[str, np.ndarray]:
-    """Make an array of zeros, in float64, for every float array of a scene, by the array's name."""
+    """Make an array of zeros, in float64, for every float array of a scene, by the array's name.
+
+    The name is that of the field of `Scene`; for the textures it is "texels".
+    """
     names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
     sums: dict[str, np.ndarray] = {
         name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")

@@ -13,7 +13,7 @@ from ..scene import Scene
 
 
 class Window(NamedTuple):
-    """A rectangle of a canvas: its first pixel (`x`, `y`) and its size, in pixels.
+    """A rectangle of a canvas: its upper left pixel (column `x`, row `y`) and its size, in pixels.
 
     `number` is the index of the window in its canvas, counted row by row from 0.
     """
@@ -163,7 +163,11 @@ def _with_finite(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> Boxe
 
 
 def list_triangles(boxes: Boxes, cut: Cut, border: int = 0) -> TriangleLists:
-    """List, for each window, the triangles whose boxes come within `border` pixels of it."""
+    """List, for each window, the triangles whose boxes come within `border` pixels of it.
+
+    Triangles with an empty box, or with a box that does not come within `border` pixels of the
+    canvas, are in no list.
+    """
     last = np.array([cut.columns - 1, cut.rows - 1])
     size = np.array([cut.width, cut.height])
     low, high = boxes.first - border, boxes.last + border
