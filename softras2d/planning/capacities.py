@@ -78,8 +78,9 @@ class Headroom(NamedTuple):
     """Rule by which the capacities of a plan follow from the list lengths that its scenes need.
 
     Unused capacity costs as much as used capacity. But with little headroom, triangles that move
-    outgrow their plan, and similar scenes do not share programs. Numbers of slots below count the
-    slots of all chunks of a plan together.
+    outgrow their plan, and similar scenes do not share programs. A slot holds one triangle in the
+    list of one tile, and a chunk is a few slots of one tile. Numbers of slots below count the slots
+    of all chunks of a plan together.
 
     - `merge_cost`: cost of merging one chunk with the others of its tile, as a number of slots of
       equal cost.

@@ -80,7 +80,10 @@ def is_shaded(scene: Scene, shading: str) -> bool:
 
 
 def _is_pixel_shaded(drawing: Drawing) -> bool:
-    """Whether colours vary within a triangle and are evaluated once per pixel and triangle."""
+    """Whether colours vary within a triangle and are evaluated once per pixel and triangle.
+
+    It is false under `Soft` and `Area`, which have no option `shading`.
+    """
     shading = getattr(drawing.coverage, "shading", "sample")
     return shading == "pixel" and varies(drawing.scene)
 

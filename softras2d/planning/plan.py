@@ -34,8 +34,8 @@ class Plan(eqx.Module):
       `capacity_of` computes it for other numbers of triangles.
     - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need.
     - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
-      needs longer lists or reaches past the guard band: `"raise"` raises an error, `"nan"` only
-      returns NaN.
+      needs longer lists or reaches past the guard band, a wide margin around the canvas: `"raise"`
+      raises an error, `"nan"` only returns NaN.
     - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; None
       stands for the finest grid that fits the canvas.
     """
@@ -70,7 +70,11 @@ class Plan(eqx.Module):
 
     @property
     def cannot_be_outgrown(self) -> bool:
-        """Whether no scene can outgrow the plan, wherever its triangles are."""
+        """Whether no scene can outgrow the plan, wherever its triangles are.
+
+        This is so if every tile lists every triangle and, under `Hard`, triangles past the guard
+        band are cut.
+        """
         return self.lists_all and (self.side > 0 or self.cuts_far_triangles)
 
     @property
@@ -80,7 +84,10 @@ class Plan(eqx.Module):
 
     @property
     def tiling(self) -> Tiling:
-        """How the canvas is cut into tiles."""
+        """How the canvas is cut into tiles: squares of `side` pixels under analytic coverage.
+
+        Under sampled coverage a row of samples of a tile fits one 32-bit word.
+        """
         return Tiling.square(self.grid, self.side) if self.side else Tiling.one_word_wide(self.grid)
 
     def capacity_of(self, triangles: int) -> Capacity:

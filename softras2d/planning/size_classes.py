@@ -35,9 +35,9 @@ def pad(scene: Scene) -> Scene:
     vertex 0 three times, which covers nothing wherever that vertex lies. Vertices are padded too;
     textures are kept. The number of triangles becomes 64, 1024 or a higher power of two.
 
-    `render` pads concrete scenes by itself. A scene and the padded scene have the same plan.
-    Within a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene.
-    Accepts a batch, and arrays on the host or on the device; the result is on the device. A scene
+    `render` pads concrete scenes by itself. A scene and the padded scene have the same plan. Within
+    a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene. Accepts
+    a batch, and arrays on the host or on the device; padded arrays are on the device. A scene
     without triangles is returned unchanged; padding twice changes nothing. Raises `ValueError`
     under a trace.
     """
@@ -51,8 +51,8 @@ def pad_to(scene: Scene, size: int, vertex_size: int | None = None) -> Scene:
 
     Vertices are appended until there are `vertex_size` of them; by default their number is a size
     class in proportion to the triangles. Both numbers must be at least those of the scene, which
-    may be a batch. The result is on the device. A scene without triangles or without vertices is
-    returned unchanged.
+    may be a batch. Padded arrays are on the device; all others are returned as they are. A scene
+    without triangles or without vertices is returned unchanged.
     """
     *batch, triangles, _ = scene.triangles.shape
     vertices = scene.positions.shape[-2]

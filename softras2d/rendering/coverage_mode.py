@@ -121,7 +121,7 @@ class CoverageMode(abc.ABC):
     def is_sum(self, coverage: Any) -> bool:
         """Whether triangles are added with signed areas instead of composited; false by default.
 
-        No triangle then hides another.
+        If they are added, no triangle hides another.
         """
         return False
 

@@ -41,8 +41,8 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
 def layout_of_all(triangles: int, listing: Listing) -> Layout:
     """Layout in which every tile lists every triangle of a scene.
 
-    `triangles` is the number of triangles, which is rounded up to a power of two. Lists in
-    `listing.unused` get a capacity of 0.
+    The capacities are those of the worst case. `triangles` is the number of triangles, which is
+    rounded up to a power of two, at least 8. Lists in `listing.unused` get a capacity of 0.
     """
     capacity = worst_case(listed_triangle_class(triangles), listing.tiling)
     capacity = capacity._replace(**dict.fromkeys(listing.unused, 0))
@@ -89,7 +89,7 @@ def count_triangles(scene: Scene) -> int:
 
 
 def _grown(counts: Counts, factor: float) -> Counts:
-    """Multiply the length of every list by `factor`, and round up."""
+    """Multiply the length of every list by `factor`, and round up; `runs` of None stay None."""
 
     def grow(count: int) -> int:
         return math.ceil(count * factor)

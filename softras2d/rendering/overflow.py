@@ -173,7 +173,11 @@ def _nan_if(image: Array, floats: list[Array], overflow: Array) -> Array:
 
 
 def _nan_if_jvp(primals, tangents):
-    """Differentiate `_nan_if`: every tangent adds NaN on overflow; those of `floats` else add 0."""
+    """Compute `_nan_if` and its jvp.
+
+    On overflow every given tangent adds NaN. Otherwise the tangent of the image is passed on, and
+    the tangents of `floats` add 0.
+    """
     image, floats, overflow = primals
     out = _nan_if(image, floats, overflow)
     change = jnp.zeros_like(image)

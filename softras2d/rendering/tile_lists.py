@@ -37,10 +37,11 @@ def list_for_plan(
 
 
 def chunks_for_plan(lists: TileLists, bounds: SampleBounds, plan: Plan) -> Chunks:
-    """Cut the tile lists of `list_for_plan` into chunks of slots.
+    """Cut the tile lists of `list_for_plan` into chunks of `Capacity.slots_per_chunk` slots.
 
-    If the plan lists every triangle for every tile, slots whose triangle's bounding box misses the
-    tile are left empty (`filled` is false).
+    A slot holds one entry of a list, a triangle in a tile, or is empty. If the plan lists every
+    triangle for every tile, slots whose triangle's bounding box misses the tile are left empty
+    (`filled` is false).
     """
     capacity, tiling = plan.capacity, plan.tiling
     if not plan.lists_all:

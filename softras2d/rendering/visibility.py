@@ -215,7 +215,10 @@ def _interpolate(
 
 
 def _check(plan: Plan, layers: int) -> None:
-    """Check the arguments of `rasterize`; raise `ValueError` for those that it does not take."""
+    """Check the arguments of `rasterize`; raise `ValueError` for those that it does not take.
+
+    These are plans for other coverage than `Hard`, and indices of more than `MOST_BYTES`.
+    """
     if plan.side:
         raise ValueError(
             f"`rasterize` needs a plan for Hard(...), and `pixel_layers` one for Soft(...) or "

@@ -94,6 +94,7 @@ def _total_runs(
 ) -> Int[Array, ""]:
     """Number of runs of crossings (`gradients.crossings`), summed over all edges.
 
+    It is clamped to 2^30. A run is up to 8 successive crossings of an edge with lines of samples.
     The arguments are `CrossedEdges.first` and `.count`, and `Sides.steep`.
     """
     return saturated_sum(count_runs(first, count, steep.T, tiling).reshape(-1))

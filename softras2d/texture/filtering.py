@@ -23,8 +23,10 @@ from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 class Lookup(NamedTuple):
     """Static settings of a texture lookup: how texels are mixed, and what lies beyond the border.
 
-    - `pixel`: `Filter.pixel`.
-    - `border`, `addressing`: as in `TexturePyramid`.
+    - `pixel`: name of the filter within a mip level, as in `Filter.pixel`.
+    - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
+    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
+      1).
     """
 
     pixel: PixelFilter
@@ -189,7 +191,8 @@ def _neighbor(
 def _texel_position(uv: Array, size: Array, lookup: Lookup) -> Float[Array, "2 *points"]:
     """Convert texture coordinates to positions along each axis, where texel i lies at i.
 
-    `size` is the number of texels along each axis.
+    `size` is the number of texels along each axis. If the texture repeats, coordinates are first
+    reduced to 0..1; otherwise the positions may lie beyond the border.
     """
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)

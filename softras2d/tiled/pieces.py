@@ -16,7 +16,7 @@ triangle costs only its projection, which is little compared with the samples of
 
 
 class Piece(NamedTuple):
-    """Some triangles of a scene, the whole scene, with their indices in the whole scene.
+    """Some triangles taken from a scene, which is called the whole scene here, and their indices.
 
     - `scene`: a scene of only these triangles and their vertices, in host arrays.
     - `triangle`: for each triangle of the piece, its index in the whole scene.
