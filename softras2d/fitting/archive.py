@@ -87,7 +87,7 @@ def _begins_with(path: Path, mark: bytes) -> bool:
 
 
 def _array_name(entry: zipfile.ZipInfo) -> str:
-    """The name of the array in an entry of the zip file."""
+    """The name of the array in an entry of the zip file: the file name without `.npy`."""
     return entry.filename.removesuffix(".npy")
 
 
@@ -117,7 +117,8 @@ def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
 def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     """Read one array; raise `ValueError` if its header and the zip directory disagree.
 
-    `zipfile` unpacks no more bytes than the directory says.
+    `ValueError` is also raised for damaged data, and for booleans other than 0 and 1; `EOFError`
+    for data that is cut short. `zipfile` unpacks no more bytes than the directory says.
     """
     name = _printable(_array_name(entry))
     try:

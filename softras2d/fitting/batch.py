@@ -123,6 +123,8 @@ def _check_earlier(
 def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[FitResult]:
     """Make the result of each fit, after solving for its colours if the settings ask for that.
 
+    The results are scored at the size of the targets, by one compiled program.
+
     - `interrupted`: whether Ctrl-C ended the steps. Then colours are not solved for.
     - `interrupt`: tells whether Ctrl-C is pressed later. From then on, colours are not solved for.
     """
@@ -137,7 +139,10 @@ def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[
 
 
 def _refuse_masks(groups: Iterable[str]) -> None:
-    """Raise `ValueError` if one of `groups`, names in the option `freeze`, needs a mask."""
+    """Raise `ValueError` if one of `groups`, names in the option `freeze`, needs a mask.
+
+    Those are `"vertices"` and `"triangles"`.
+    """
     if any(group in steering.MASKED for group in groups):
         raise ValueError("`freeze` of a batch takes no masks: fit such targets one by one.")
 
@@ -167,8 +172,10 @@ def _settings(
 ) -> list[dict[str, Any]]:
     """Make the settings of each fit of a batch; raise `ValueError` if they are invalid.
 
-    The settings of all fits must be equal except for `seed` and `start`, because the fits share
-    compiled programs.
+    A fit that resumes a result has the settings of that result. Any other fit, at index k, has the
+    given settings, its start, and the given seed plus k. The settings of all fits must be equal
+    except for `seed` and `start`, because the fits share compiled programs. Resumed fits must be
+    of layers, and must have taken equal numbers of steps.
 
     - `given`: the settings that the user gave, other than `start`.
     - `starts`: the start of each fit.
@@ -199,13 +206,13 @@ def _settings(
 
 
 def _for_each(name: str, value: Any, count: int) -> list[Any]:
-    """Make a list with one value for each of `count` targets.
+    """Make a list with one value for each of `count` targets, from one value or one for each.
 
     - `name`: the argument's name, for the message of an error.
-    - `value`: a sequence with one value for each target; or one value for all targets, which is
-      None, a name, a scene or a mesh.
+    - `value`: a sequence or array with one value for each target; or one value for all targets,
+      which is None, a name, a scene or a mesh.
 
-    Raises `ValueError` for a sequence of another length.
+    Raises `ValueError` for a sequence of another length, and for any other value.
     """
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count

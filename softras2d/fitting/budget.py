@@ -82,6 +82,7 @@ class Estimate(Protocol):
 class Budget(NamedTuple):
     """The limit of a fit, and functions that tell how much of it is used.
 
+    - `limits`: the limit, a number of steps or a deadline.
     - `end_seconds`: the seconds that the end of the fit takes, in which it solves for colours, and
       draws and scores its result.
     - `seconds_before`: seconds that the resumed fit took; 0 for a new fit.
@@ -96,10 +97,11 @@ class Budget(NamedTuple):
     def share(self, steps: int, compiled_at: float | None) -> float:
         """Share of the fit that is done after a total of `steps` steps, from 0; at 1 it is done.
 
-        If the limit is a number of steps, this is `steps` divided by it, and exceeds 1 where the
-        resumed fit took more steps. If the limit is a deadline, it is the time used, divided by the
-        sum of it and the time left for steps. The time used is that of the resumed fit plus that
-        since `compiled_at`. The seconds reserved for the end of the fit do not count as left.
+        If the limit is a number of steps, this is `steps` divided by it, or 1 if the limit is 0. It
+        exceeds 1 where the resumed fit took more steps. If the limit is a deadline, it is the time
+        used, divided by the sum of it and the time left for steps. The time used is that of the
+        resumed fit plus that since `compiled_at`. The seconds reserved for the end of the fit do
+        not count as left.
 
         `compiled_at`: when the first chunk of this call ended, on the clock of `time.perf_counter`;
         None before that.
@@ -121,13 +123,18 @@ class Budget(NamedTuple):
         return max(0, self.limits.steps - steps) * step_seconds
 
     def seconds(self) -> float:
-        """Seconds that the fit has taken so far, including the fit that it resumes."""
+        """Seconds that this call and the fit that it resumes have taken so far."""
         return self.seconds_before + time.perf_counter() - self.limits.began
 
     def next_steps(
         self, steps: int, max_steps: int, step_seconds: float | None, measure_seconds: float
     ) -> int:
         """Number of steps of the next chunk, after a total of `steps` steps; at most `max_steps`.
+
+        If the limit is a number of steps, a chunk has at most an eighth of it (`_MIN_CHUNKS`), and
+        no more than the steps that are left. If it is a deadline, a chunk has at least one step,
+        and takes half a second or, if that is longer, ten times `measure_seconds`; but no longer
+        than the time that is left.
 
         - `step_seconds`: how long a step takes; None if it is not known, which makes the result 1
           if there is a deadline.
@@ -144,7 +151,8 @@ class Budget(NamedTuple):
     def _seconds_for_steps(self) -> float:
         """Seconds that remain for steps before the deadline.
 
-        The seconds that are reserved for the end of the fit are subtracted.
+        The seconds that are reserved for the end of the fit are subtracted. The result is 0 or
+        more.
         """
         assert self.limits.deadline is not None
         seconds = self.end_seconds.result() if self.end_seconds.done() else self.end_guess

@@ -26,9 +26,12 @@ To resume such a fit, its start is not needed. A loss function must be given aga
 def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     """Complete the arguments of `fit`, and convert them to plain Python types where possible.
 
-    `settings`: arguments of `fit`, by name. In the result, `shading` and `size` have the defaults
-    of the family in place of None, `softness` is a pair of numbers, NumPy scalars are Python
-    numbers, and colours are lists. Invalid values are not changed, so that `check` can refuse them.
+    `settings`: arguments of `fit`, by name, of which `size`, `background` and `palette` may be
+    absent. It is not changed. In the returned dictionary, `shading` and `size` have the defaults of
+    the family in place of None, `softness` is a pair of floats (the same twice for a single
+    number), NumPy scalars are Python numbers, and the colours of `palette` and `background` are
+    lists of floats, of which `uint8` values have been divided by 255. Invalid values are not
+    changed, so that `check` can refuse them; an unknown family gets the defaults of layers.
     """
     normalized = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     name = normalized["family"]
@@ -55,6 +58,8 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
 
     - `settings`: the arguments by name, as `normalize` returns them.
     - `steps`, `seconds`: the limits of the fit; None if not given. At most one may be given.
+
+    The values of `solver` and `start` are not checked here, but where they are used.
     """
     name = settings["family"]
     _check_choice("family", name, tuple(TRAITS))
@@ -95,8 +100,9 @@ def prepare_weights(
 ) -> Float[np.ndarray, "height width"] | None:
     """Divide the weights of a target's pixels by their mean, as float32; None stays None.
 
-    `target`: the image, whose height and width `weights` must have. Raises `ValueError` unless all
-    weights are finite numbers of 0 or more, and at least one is above 0.
+    `target`: the image; `weights` must have the shape `[height, width]` of its pixels. Raises
+    `ValueError` for another shape, and unless all weights are finite numbers of 0 or more, and at
+    least one is above 0.
     """
     if weights is None:
         return None
@@ -123,7 +129,7 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
 
 
 def _check_integer(name: str, value: Any, minimum: int) -> None:
-    """Raise `ValueError` unless `value` is an integer from `minimum` to 2^31 - 1.
+    """Raise `ValueError` unless `value` is an integer from `minimum` to 2^31 - 1, not a boolean.
 
     `name`: the argument's name, for the message.
     """
@@ -133,7 +139,10 @@ def _check_integer(name: str, value: Any, minimum: int) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a finite real number, and not a boolean."""
+    """Whether a value is a finite real number of Python or NumPy, and not a boolean.
+
+    It is false for an integer that is too large for a float.
+    """
     is_real = isinstance(value, int | float | np.integer | np.floating)
     try:
         return is_real and not isinstance(value, bool) and math.isfinite(value)

@@ -1,4 +1,8 @@
-"""Take a chunk of steps of one or several fits, and enlarge their plan if it is too small."""
+"""Take a chunk of steps of one or several fits, and enlarge their plan if it is too small.
+
+A chunk is a number of steps that run as one compiled program. A plan fixes the sizes of the arrays
+with which scenes are drawn, its capacities.
+"""
 
 from collections.abc import Sequence
 
@@ -25,7 +29,8 @@ def advance_fits(
 ) -> list[Float[np.ndarray, " steps"]]:
     """Take a chunk of `steps` steps of each fit; return, for each fit, the loss of each step taken.
 
-    This updates the `progress` and the `image` of each fit. Several fits must have the same shapes,
+    This updates the `progress` and the `image` of each fit, after solving for its colours if the
+    option `colors` is `"solve"`. Several fits must have the same shapes,
     solver and settings, so that one compiled program serves them all.
 
     - `max_steps`: an upper bound on `steps`. Chunks with equal `max_steps` share a program.
@@ -68,7 +73,10 @@ def advance_fits(
 
 
 def _update_colors(fit: AbstractFit) -> None:
-    """Solve for a fit's colours of least squared error, if the option `colors` is `"solve"`."""
+    """Set a fit's unknowns to the colours of least squared error, if its option asks for that.
+
+    It does if the option `colors` is `"solve"`; otherwise nothing changes.
+    """
     if fit.request.solves_colors:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.request.loss.light)
         fit.progress = move(fit.request.solver, fit.residual, fit.progress, y, fit.data)

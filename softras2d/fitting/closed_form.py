@@ -64,7 +64,10 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
 
 
 def time_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -> float:
-    """Compile `best_colors` for these arguments; return the seconds that it then takes."""
+    """Compile `best_colors` for these arguments; return the seconds that a second call takes.
+
+    The computed colours are dropped.
+    """
     jax.block_until_ready(best_colors(fn, y, args, light))
     began = time.perf_counter()
     jax.block_until_ready(best_colors(fn, y, args, light))

@@ -85,7 +85,7 @@ class Entries:
         return array
 
     def drop(self, name: str) -> None:
-        """Remove an array without a check, because it is checked elsewhere."""
+        """Remove an array, which must exist, without a check, because it is checked elsewhere."""
         self._remaining.pop(name)
 
     def end(self) -> None:
@@ -96,9 +96,10 @@ class Entries:
 
 
 def read_json(name: str, data: np.ndarray) -> dict[str, Any]:
-    """Parse the bytes of a saved array, which must be a JSON object.
+    """Parse the bytes of a saved array, the text of a JSON object, and return the object.
 
-    `name`: name of the array for the `ValueError` that is raised if it is anything else.
+    `data`: the bytes. `name`: name of the array for the `ValueError` that is raised if they are
+    anything else.
     """
     try:
         value = json.loads(data.tobytes().decode())

@@ -1,9 +1,9 @@
 """The interface of a fit family. The families are layers, which are free triangles, and meshes.
 
-A fit alternates between two kinds of work. A chunk of solver steps runs as one compiled program and
-changes only the unknowns. Between chunks, the family does on the host what a solver cannot do: it
-adds triangles, moves triangles to where the error is, or repairs a mesh. `loop.run` calls the
-methods below for both kinds of work.
+A fit alternates between two kinds of work. A *chunk* of solver steps runs as one compiled program
+and changes only the *unknowns*: positions, colours and perhaps opacities. Between chunks, the
+family does on the host what a solver cannot do: it adds triangles, moves triangles to where the
+error is, or repairs a mesh. `loop.run` calls the methods below for both kinds of work.
 
 To add a family, write a subclass of `AbstractFit`, and add a row to `traits.TRAITS` and to
 `families.FAMILIES`.
@@ -41,7 +41,7 @@ class FitRequest(NamedTuple):
       itself); `AbstractFit.restore_family_state` restores the other values later.
     - `must_start()`: returns whether the search for initial triangles must end with what it has.
     - `masks`: the boolean masks of the option `freeze`, by the names `"vertices"` and
-      `"triangles"`. A name that the user did not give is absent.
+      `"triangles"`, true where frozen. A name that the user did not give is absent.
     """
 
     target: Target
@@ -57,15 +57,16 @@ class FitRequest(NamedTuple):
 
     @property
     def exchanges(self) -> bool:
-        """Whether, between chunks, triangles or vertices are moved to where the error is large.
+        """Whether, between chunks of steps, some triangles or vertices are replaced by new ones.
 
-        This is so for `start="error"`, unless the option `freeze` names anything.
+        The new ones lie where the error is large. This is so for `start="error"`, unless the option
+        `freeze` names anything.
         """
         return self.places_by_error and not self.settings["freeze"]
 
     @property
     def places_by_error(self) -> bool:
-        """Whether new triangles or vertices are added where the error is large.
+        """Whether the fit adds new triangles or vertices where the error is large.
 
         This is so for `start="error"`.
         """
@@ -73,7 +74,7 @@ class FitRequest(NamedTuple):
 
     @property
     def may_freeze(self) -> bool:
-        """Whether some unknowns do not change, now or later, by option `freeze` or `palette`."""
+        """Whether some unknowns are frozen, now or later: `freeze` or `palette` has been given."""
         return bool(self.settings["freeze"]) or self.settings["palette"] is not None
 
     @property
@@ -130,7 +131,7 @@ class AbstractFit(abc.ABC):
     @property
     @abc.abstractmethod
     def max_triangles(self) -> int:
-        """Largest number of triangles that the fit can have at its end."""
+        """Largest number of triangles in use at the end of the fit, which for a mesh is a guess."""
 
     @abc.abstractmethod
     def likely_scene(self) -> Scene:
@@ -143,13 +144,19 @@ class AbstractFit(abc.ABC):
     def scene(self, *, padded: bool = False) -> Scene:
         """The scene with the least loss so far, in pixels of the fit.
 
+        It is the scene of the present unknowns if no loss is known yet. If the fit has a palette,
+        all triangles have colours of the palette.
+
         `padded`: keep the spare triangles, which are not visible, so that all scenes of a fit have
         the same shapes and share a compiled program.
         """
 
     @abc.abstractmethod
     def current_scene(self) -> Scene:
-        """The scene of the present unknowns, in pixels of the fit, without spare triangles."""
+        """The scene of the present unknowns, in pixels of the fit, without spare triangles.
+
+        If the fit has a palette, all triangles have colours of the palette.
+        """
 
     @abc.abstractmethod
     def go_on_from(self, scene: Scene) -> None:
@@ -165,7 +172,8 @@ class AbstractFit(abc.ABC):
     def replan(self, reached: Sequence[tuple[Any, Any]]) -> Residual:
         """Return a residual whose plan has capacity for the scenes of all unknowns in `reached`.
 
-        The fit itself does not change.
+        A plan fixes the sizes of the arrays with which scenes are drawn. The fit itself does not
+        change.
 
         `reached`: pairs `(unknowns, data)`. The data may come from another fit of the same batch,
         whose frozen values and background differ.
@@ -192,14 +200,14 @@ class AbstractFit(abc.ABC):
 
         The squared error is weighted, and summed over pixels and channels, at the size of the fit
         and in the colour space of the loss. `residual` is replaced, too, if its plan is too small
-        for these unknowns.
+        for these unknowns. Afterwards `scene` returns the scene of these unknowns.
         """
 
     def polish_at_full_size(self, target: Target) -> None:  # noqa: B027
-        """Improve the best unknowns at the end of a fit that is smaller than its target.
+        """Replace the unknowns by the best so far, with colours that suit the full-size target.
 
-        `target`: the image and its weights at their original size. The method does nothing unless a
-        family overrides it.
+        It is called at the end of a fit that is smaller than its target. `target`: the image and
+        its weights at their original size. The method does nothing unless a family overrides it.
         """
 
     @abc.abstractmethod

@@ -197,7 +197,8 @@ def _fit_to_the_end(
 ) -> FitResult:
     """Run a fit to its limits, solve for colours if the settings ask for it, and make the result.
 
-    If Ctrl-C was pressed, colours are not solved for. After the first Ctrl-C, the result so far is
+    If Ctrl-C was pressed, colours are not solved for. With a `callback`, they are not solved for at
+    the size of the target. After the first Ctrl-C, the result so far is
     written to `checkpoint`, if there is one, and returned. After the second, an unscored result is
     written there, and `KeyboardInterrupt` is raised.
     """

@@ -29,7 +29,9 @@ class Frame(NamedTuple):
         """Make the frame of a fit for a target of `height` x `width` pixels.
 
         `settings`: the arguments of `fit`, of which only `size` and `family` are read. The longer
-        side of the frame has `size` pixels, but the frame is never larger than the target.
+        side of the frame has `size` pixels, but the frame is never larger than the target. None as
+        `size` stands for 256 for layers, and for the size of the target for a mesh. The shorter
+        side is rounded, and at least 1.
         """
         longer_side = max(height, width)
         size = settings["size"]
@@ -51,7 +53,10 @@ class Frame(NamedTuple):
         return replace(scene, positions=to_device(np.asarray(scene.positions) / factors))
 
     def shrink_target(self, target: Target) -> Target:
-        """Shrink the image and the weights of a target to the size of the fit."""
+        """Shrink the image and the weights of a target to the size of the fit, by area means.
+
+        Weights that are None stay None.
+        """
         weights = target.weights
         if weights is not None:
             weights = shrink(weights[..., None], self.height, self.width)[..., 0]

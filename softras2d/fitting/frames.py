@@ -138,7 +138,7 @@ class _Film:
         self.results: list[FitResult] = []
 
     def fit_first(self, steps: int, interrupt: Interrupt) -> None:
-        """Fit the first frame as `fit` would, with at most `steps` steps.
+        """Fit the first frame as `fit` would, with at most `steps` steps in all.
 
         `interrupt` tells whether Ctrl-C was pressed, which ends the fit after the present chunk of
         steps.
@@ -154,8 +154,8 @@ class _Film:
     def fit_next(self, number: int, steps: int, temporal: float) -> None:
         """Fit frame `number`, 1 or more, in `steps` steps, from the triangles of the frame before.
 
-        `temporal`: weight of the squared change of a pixel where the target stands still, relative
-        to its squared error.
+        The history is replaced by one record, of this frame alone. `temporal`: weight of the
+        squared change of a pixel where the target stands still, relative to its squared error.
         """
         fit, task = self._fit, self._task
         before, target = (
@@ -174,8 +174,10 @@ class _Film:
     def _blended(self, before: Image, target: Image, temporal: float) -> LayersData:
         """Make the data of the residual for a frame, with a target that resists change.
 
-        The new target of a pixel is a weighted mean of its value in the frame and in the fitted
-        frame before; the class explains the weights.
+        They are the present data with another target, as `Loss.prepare` returns it, and other
+        weights of the pixels, 1 + `temporal` where the frames are equal. The new target of a pixel
+        is a weighted mean of its value in the frame and in the fitted frame before; the class
+        explains the weights.
 
         - `before`, `target`: the targets of the frame before and of this frame, at the size of the
           fit.
@@ -195,6 +197,8 @@ class _Film:
 
     def result(self, number: int, interrupted: bool) -> FitResult:
         """Make the result of frame `number`, which must be the frame that was fitted last.
+
+        Its scene is scored against this frame. It has no state, so it cannot be resumed.
 
         `interrupted`: whether Ctrl-C was pressed.
         """

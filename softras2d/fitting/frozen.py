@@ -54,7 +54,7 @@ def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
 
     `masks`: for the name of a field of `y`, either True, which freezes the field, or a mask along
     its first axis. If a mask is shorter than the field, the entries after the mask are not frozen.
-    A field without a mask is not frozen.
+    A field without a mask is not frozen. Fields that are None are skipped.
     """
     arrays = []
     for name, leaf in y._asdict().items():
@@ -72,7 +72,7 @@ def freeze(y: Any, masks: Mapping[str, bool | Mask]) -> Frozen:
 def with_exact_positions(
     scene: Scene, earlier: Scene, triangles: Bool[np.ndarray, " triangles"]
 ) -> Scene:
-    """Restore the exact positions that some triangles had in an earlier scene.
+    """Return a scene with the exact positions that some triangles had in an earlier scene.
 
     During a fit, these positions are converted to other units, which changes them by rounding
     errors.

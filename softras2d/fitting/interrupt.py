@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass
 class Interrupt:
-    """Whether Ctrl-C has been pressed, `requested`."""
+    """A flag that tells whether Ctrl-C has been pressed: `requested`."""
 
     requested: bool = False
 

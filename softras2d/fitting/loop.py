@@ -1,7 +1,7 @@
 """The loop of a fit: chunks of steps until the limit, with a record and a report after each.
 
-The same loop serves `fit` and `fit_batch`. It advances a list of fits together, which has one fit
-in the case of `fit`.
+A *chunk* is a number of solver steps that run as one compiled program. The same loop serves `fit`
+and `fit_batch`. It advances a list of fits together, which has one fit in the case of `fit`.
 """
 
 import time
@@ -50,7 +50,8 @@ class ProgressReport(NamedTuple):
 class AcceptedSteps:
     """Counts accepted steps: those whose loss is below all earlier losses in this call of `fit`.
 
-    `count`: number of accepted steps of the fit that is resumed; 0 for a new fit.
+    The first step of the call is accepted, unless its loss is not finite. `count`: number of
+    accepted steps of the fit that is resumed; 0 for a new fit.
     """
 
     def __init__(self, count: int):
@@ -82,7 +83,7 @@ def run(
 ) -> bool:
     """Advance fits together until the budget is used; return whether Ctrl-C ended them early.
 
-    - `fits`: fits with the same shapes, solver and settings.
+    - `fits`: fits with the same shapes, solver and settings, which are changed in place.
     - `histories`: one list for each fit, to which a record is appended after each chunk.
     - `budget`: the limit of steps or seconds.
     - `steps`: number of steps of the fit that is resumed; 0 for a new fit.

@@ -49,16 +49,19 @@ class Loss(eqx.Module):
 
     @property
     def is_squared(self) -> bool:
-        """Whether the loss is squared error, which least-squares solvers need."""
+        """Whether the loss is squared error, weighted or not, which least-squares solvers need."""
         return self.kind == "squared" and self.function is None
 
     @property
     def name(self) -> str:
-        """The name of the loss, for messages."""
+        """The name of the loss, for messages; a user's function is called "a function"."""
         return self.kind if self.function is None else "a function"
 
     def prepare(self, image: Float[Array, "height width channels"]) -> Array:
-        """Convert an sRGB image with straight alpha to the colour space `light`; premultiply it."""
+        """Convert an sRGB image with straight alpha to the colour space `light`; premultiply it.
+
+        Alpha itself stays the same. An image of three channels has no alpha and is not multiplied.
+        """
         color = image[..., :3]
         if self.light == "linear":
             color = srgb_to_linear(color)

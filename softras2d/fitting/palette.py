@@ -64,8 +64,9 @@ class Quantized(NamedTuple):
     """The colours that `quantize` chose, each channel in 0..1.
 
     - `colors`: the colour of each triangle, which is one of the palette.
-    - `palette`: the palette, which `quantize` may have improved.
-    - `background`: a colour of the palette, or the unchanged background if `quantize` was told so.
+    - `palette`: the palette, which `quantize` has improved if it was told so.
+    - `background`: a colour of the palette if `quantize` was told so, else the unchanged
+      background.
     """
 
     colors: Float[np.ndarray, "triangles 3"]
@@ -85,7 +86,9 @@ class Quantized(NamedTuple):
 def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{count} 3"]:
     """Make a palette of `count` colours by k-means on the sRGB values of the target's pixels.
 
-    A pixel counts in proportion to its weight and to its alpha. `seed`: seed of the random choices.
+    A pixel counts in proportion to its weight and to its alpha. K-means runs several times on a
+    random sample of the pixels, and the palette with the least sum of squared distances is
+    returned. `seed`: seed of the random choices.
     """
     rng = np.random.default_rng(seed)
     weight = np.ones(target.image.shape[:2]) if target.weights is None else target.weights
@@ -134,7 +137,10 @@ def palette_of(setting: Any, target: Target, seed: int) -> Palette | None:
 
 
 def nearest(palette: Palette, colors: Float[np.ndarray, "colors_2 3"]) -> Int[np.ndarray, "..."]:
-    """Index in the palette of the colour nearest to each given colour, by distance in RGB."""
+    """Index in the palette of the colour nearest to each given colour, by distance in RGB.
+
+    The result has one index for each row of `colors`; of equal distances, the first counts.
+    """
     palette = palette.astype(np.float64)
     return ((palette**2).sum(1) - 2 * colors @ palette.T).argmin(1)
 

@@ -60,7 +60,7 @@ def make_fit(
 
 
 def _check_loss(solver: Solver, loss: Loss) -> None:
-    """Raise `ValueError` if the solver needs squared error, and the loss is another one."""
+    """Raise `ValueError` for a least-squares solver with a loss other than squared error."""
     if isinstance(solver, optx.AbstractLeastSquaresSolver) and not loss.is_squared:
         raise ValueError(
             f"solvers of least squares take `loss='squared'`; got {loss.name!r}: use 'adam'."
@@ -84,8 +84,9 @@ def _loss_of(settings: dict[str, Any], target: Target) -> Loss:
 def max_chunk_steps(solver: Solver, frame: Frame) -> int:
     """Largest number of steps of a chunk, for a solver and a size of fit.
 
-    The number is small where steps are slow, with least-squares solvers and at large sizes, because
-    Ctrl-C and progress reports wait for the end of a chunk.
+    A chunk is a number of steps that run as one compiled program. The number is small where steps
+    are slow, because Ctrl-C and progress reports wait for the end of a chunk. It is 2 with
+    least-squares solvers; otherwise it is 25, or 8 for fits of more than 2^17 pixels.
     """
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
         return 2
@@ -95,7 +96,9 @@ def max_chunk_steps(solver: Solver, frame: Frame) -> int:
 def check_image(target: Any) -> Image:
     """Convert a target to RGB or RGBA, float32 in 0..1; raise `ValueError` if it is not an image.
 
-    `uint8` values stand for 0..255, booleans for black and white, and grey is repeated in three
+    An image is `[height, width]` or `[height, width, 1, 3 or 4]`, with at least one pixel, of
+    floats, `uint8` or booleans. It must be finite and not negative, with alpha at most 1. `uint8`
+    values stand for 0..255, booleans for black and white, and grey is repeated in three
     channels. Colours above 1 become 1, which is the brightest that a triangle can have, with a
     warning.
     """
@@ -125,8 +128,8 @@ def check_image(target: Any) -> Image:
 def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[Image]:
     """Check and convert targets as `check_image` does, and drop alpha that is 1 everywhere.
 
-    Alpha channels are dropped only if all targets have alpha, and it is 1 in every pixel of all
-    targets.
+    Their sizes may differ. Alpha channels are dropped only if all targets have alpha, and it is 1
+    in every pixel of all targets.
 
     `transparent`: keep the alpha channels in any case, and add an alpha of 1 to targets without
     alpha.
@@ -206,7 +209,7 @@ def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str
 def freeze_of(earlier: FitResult) -> dict[str, Any]:
     """Return the argument `freeze` of the fit of which `earlier` is the result.
 
-    It is a mapping from names to True or to masks.
+    It is a mapping from names to True or to masks, and empty if nothing was frozen.
     """
     groups = earlier.settings["freeze"]
     return {group: earlier.state.get(f"freeze.{group}", True) for group in groups}

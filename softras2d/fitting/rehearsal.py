@@ -1,4 +1,8 @@
-"""Draw and score scenes of a running fit in another thread, as its result will be at the end."""
+"""Draw and score scenes of a running fit in another thread, as its result will be at the end.
+
+A *rehearsal* is to draw and score one scene. The *end of the fit* is the time after the last step,
+in which the result is made.
+"""
 
 import time
 from collections.abc import Callable
@@ -64,12 +68,13 @@ class Rehearsal:
         self._pool.shutdown()
 
     def done(self) -> bool:
-        """Whether the duration of the end of the fit is known."""
+        """Whether the duration of the end of the fit is known, because `warm_up` has ended."""
         return self._warming.done()
 
     def result(self) -> float:
         """Seconds that the end of the fit takes; waits until they are known.
 
+        They are those that `warm_up` returned, or those of the last rehearsal if it took longer.
         Raises any exception that `warm_up` raised.
         """
         seconds = self._warming.result()
@@ -81,6 +86,8 @@ class Rehearsal:
         - `best_scene()`: returns the scene to score, in pixels of the target.
         - `seconds_left`: seconds until the last step; NaN if not known. No rehearsal begins shortly
           before the last step, because the fit would wait for it.
+
+        Nothing is done before `warm_up` has ended.
         """
         if not self._warming.done():
             return
@@ -93,7 +100,10 @@ class Rehearsal:
             self._running = self._pool.submit(self._rehearse, best_scene())
 
     def _rehearse(self, scene: Scene) -> tuple[float, float]:
-        """Return the PSNR of a scene, in dB, and the seconds of scoring it without compiling."""
+        """Return the PSNR of a scene, in dB, and the seconds of scoring it without compiling.
+
+        If the first try seems to have compiled a program, a second one is timed.
+        """
         with jax.enable_x64(False):
             psnr, seconds = self._timed(scene)
             if seconds > _COMPILED * self.result():

@@ -32,7 +32,7 @@ def shrink(
 def _shrink_columns(
     values: Float[np.ndarray, "rows columns channels"], width: int
 ) -> Float[np.ndarray, "rows {width} channels"]:
-    """Shrink an image along each row, to `width` columns."""
+    """Shrink an image along each row, to `width` columns, by means over areas."""
     columns = _overlaps(values.shape[1], width)
     return np.einsum("rjc,kj->rkc", values, columns, optimize=True)
 
@@ -40,7 +40,7 @@ def _shrink_columns(
 def _shrink_rows(
     values: Float[np.ndarray, "rows columns channels"], height: int
 ) -> Float[np.ndarray, "{height} columns channels"]:
-    """Shrink an image along each column, to `height` rows.
+    """Shrink an image along each column, to `height` rows, by means over areas.
 
     Each block of new rows reads only the old rows that it overlaps.
     """

@@ -68,7 +68,11 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
 
 
 def check_settings(settings: Any) -> None:
-    """Raise `ValueError` for settings from a file that no fit can have."""
+    """Raise `ValueError` for settings from a file that no fit can have.
+
+    They must be a dictionary with exactly the names in `_SETTINGS`, whose values have the types
+    that `prepare.settings_to_save` makes, and which `choices.check` accepts.
+    """
     if not isinstance(settings, dict):
         raise ValueError("`facts` must have the `settings` of the fit; they are missing.")
     for name in _SETTINGS:
@@ -94,7 +98,11 @@ def check_settings(settings: Any) -> None:
 
 
 def read_image(entries: Entries) -> np.ndarray:
-    """Read the array `image`, the hard image of the result, `[height, width, 3 or 4]`."""
+    """Read the array `image`, the hard image of the result, `[height, width, 3 or 4]`.
+
+    It must be float32 and finite, with at most `_MAX_SIDE` pixels a side; otherwise `ValueError` is
+    raised. Its values may lie outside 0..1.
+    """
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
     if 0 in image.shape or max(image.shape[:2]) > _MAX_SIDE or image.shape[2] not in (3, 4):
         raise ValueError(
@@ -105,7 +113,11 @@ def read_image(entries: Entries) -> np.ndarray:
 
 
 def read_scores(entries: Entries) -> tuple[float, float]:
-    """Read the array `scores`; return the PSNR in dB, which may be infinite, and the SSIM."""
+    """Read the array `scores`; return the PSNR in dB, which may be infinite, and the SSIM.
+
+    Raises `ValueError` unless it has two float64 numbers, a PSNR that is not NaN and an SSIM in
+    -1..1, but for rounding.
+    """
     psnr, ssim = entries.take("scores", np.float64, (2,)).tolist()
     if np.isnan(psnr) or not -1.01 <= ssim <= 1.01:
         raise ValueError(f"`scores` must be a PSNR and an SSIM in -1..1; got {psnr}, {ssim}.")
@@ -115,8 +127,9 @@ def read_scores(entries: Entries) -> tuple[float, float]:
 def read_history(entries: Entries, fields: tuple[str, ...]) -> np.ndarray:
     """Read the array `history`: one row for each record, with one column for each field.
 
-    `fields`: the names of the fields of `result.Record`, in order. The columns `steps`, `accepted`
-    and `active` must be integers from 0 on.
+    `fields`: the names of the fields of `result.Record`, in order. Raises `ValueError` unless the
+    columns `steps`, `accepted` and `active` are integers from 0 on, the steps do not decrease, and
+    the seconds are finite and not negative. Scores are not checked. The result is float64.
     """
     history = entries.take("history", np.float64, ("records", len(fields)))
     columns = dict(zip(fields, history.T, strict=True))
@@ -138,6 +151,8 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 
     - `settings`: decide the numbers of colours and channels, and the largest number of triangles.
     - `channels`: number of channels of the image, and so of the background.
+
+    Raises `ValueError` for arrays of other types or shapes, and for what `scene.check` refuses.
     """
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
@@ -164,6 +179,8 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 
 def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int) -> None:
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
+
+    Every array is checked, and there may be no others. `state` is not changed.
 
     - `state`: arrays by name, as in `FitResult.state`.
     - `size`: size of the target.
@@ -200,8 +217,11 @@ def _check_solve(
 ) -> None:
     """Check the arrays `solve.0`, `solve.1`, ...: the unknowns, followed by the solver's state.
 
-    `state.save_state` saves them in the order of `jax.tree.leaves`.
+    `state.save_state` saves them in the order of `jax.tree.leaves`. Raises `ValueError` for an
+    array that is missing, or has another type or shape. If the fit had a solver object, whose state
+    has unknown shapes, only the unknowns are checked.
 
+    - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `shapes`: the shapes of the unknowns.
     - `size`: the size of the fit.
     """

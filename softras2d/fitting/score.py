@@ -53,7 +53,9 @@ class Scorer:
         self._plan: Plan | None = None
 
     def warm_up(self, likely: Scene) -> float:
-        """Compile the programs of `score`; return the seconds that `score` takes after that.
+        """Compile the programs of `score`; estimate the seconds that `score` takes after that.
+
+        The estimate is returned. It comes from timing the second run of each program.
 
         `likely`: a scene in pixels of the target, with the shapes of the scenes to be scored, and
         about as costly to draw.
@@ -79,7 +81,10 @@ class Scorer:
         return _psnr(premultiply(self.draw(scene)), self._target)
 
     def share_plan(self, other: "Scorer") -> None:
-        """Use the plan, and so the program, of another scorer, whose target has the same size."""
+        """Take over the plan of another scorer, whose target has the same size.
+
+        A plan fixes the sizes of arrays for drawing, so both scorers then share a program.
+        """
         self._plan = other._plan
 
     def score(self, scene: Scene) -> Score:
@@ -125,7 +130,7 @@ def strips(height: int, width: int) -> list[slice]:
     """Cut an image into strips of rows such that each window of SSIM lies in exactly one strip.
 
     Returns the rows of each strip. Strips overlap, because windows do. Each has about `_MAX_PIXELS`
-    pixels; a small image is one strip.
+    pixels or, at the end, fewer; a small image is one strip.
     """
     if height * width <= _MAX_PIXELS:
         return [slice(0, height)]

@@ -120,7 +120,8 @@ def advance_each(
     - `args`: for each solve, the second argument of `residual`, its data.
     - `max_steps`: as in `advance`.
     - `devices`: devices each of which takes an equal share of the solves by the same program,
-      without any communication; None: JAX's first device takes all.
+      without any communication; None: JAX's first device takes all. The arrays of the result are
+      on the first of them.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -166,10 +167,12 @@ def _on_device(tree: Any, device: Device) -> Any:
 def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: int) -> Chunk:
     """Extract the chunk of one solve from the stacked results of several solves.
 
-    - `results`: the return value of `_advance_stacked`.
+    - `results`: the tuple `(y, state, losses, (last, each))` that `_advance_stacked` returns, whose
+      arrays have a leading axis of solves.
     - `index`: index of the solve along the leading axis of `results`.
     - `progress`: the state of this solve before the chunk.
-    - `static`: the leaves of unknowns, solver state and data that are not arrays.
+    - `static`: the tuple of unknowns, solver state and data, with only the leaves that are not
+      arrays.
     - `steps`: number of steps that were taken.
     """
     y, state, losses, (last, each) = jax.tree.map(lambda leaf: leaf[index], results)
@@ -183,8 +186,9 @@ def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: 
 def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: Any) -> Progress:
     """Continue a solve from other unknowns `y`, but remember the best unknowns so far.
 
-    Solvers that do not come from optax are restarted, because their state contains the loss and the
-    derivative at their last point. `args`: the second argument of `residual`, its data.
+    The number of steps stays. A solver from optax, such as Adam, keeps its state. Other solvers are
+    restarted, because their state contains the loss and the derivative at their last point. `args`:
+    the second argument of `residual`, its data.
     """
     if isinstance(solver, optx.OptaxMinimiser):
         return progress._replace(y=y)
@@ -195,7 +199,7 @@ def move(solver: Solver, residual: Residual, progress: Progress, y: Any, args: A
 
 
 def set_learning_rate(progress: Progress, learning_rate: float) -> Progress:
-    """Set the learning rate of a solve, or change nothing if its solver has none to be set."""
+    """Return `progress` with another learning rate, or unchanged if its solver has none to set."""
     try:
         old = _learning_rate(progress)
     except AttributeError:
@@ -265,7 +269,7 @@ def default_promotion() -> Iterator[None]:
 
 @eqx.filter_jit
 def _begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Any:
-    """The initial state of a solver that remembers the unknowns of least loss."""
+    """Return the initial state of a solver, wrapped to remember the unknowns of least loss."""
     best, function = _keep_best(solver, residual)
     out, aux = eqx.filter_eval_shape(function, y, args)
     with default_promotion():
@@ -286,9 +290,11 @@ def _advance(
     steps: Array,
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
-    """Take steps of one solve; return `(y, state, losses, (last, each))` after them.
+    """Take `steps` steps of one solve; return `(y, state, losses, (last, each))` after them.
 
-    `losses` and `each` have the length `max_steps`, and are 0 beyond the steps that were taken.
+    `last` and `each` are what `residual` returns (see `Residual`): `last` at the last step, and
+    `each` at every step. `losses` and `each` have the length `max_steps` along their first axis,
+    and are 0 beyond the steps that were taken. `args`: the second argument of `residual`.
     """
     arrays, static = eqx.partition(state, eqx.is_array)
     y, arrays, losses, aux = _take_steps(
@@ -302,6 +308,8 @@ def _advance_stacked(
     solver: Solver, residual: Residual, stacked: Any, static: Any, steps: Array, max_steps: int
 ) -> Any:
     """Take steps of several solves; return what `_take_steps` does, with a leading axis of solves.
+
+    That is a tuple `(y, arrays, losses, (last, each))`.
 
     - `stacked`: unknowns, solver state and data. Their arrays have a leading axis of solves; other
       leaves are None.
@@ -328,6 +336,9 @@ def _take_steps(
     max_steps: int,
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
     """Take steps of one solve; return `(y, arrays, losses, (last, each))` after them.
+
+    `y` are the unknowns, and `losses` has the loss of each step. `last` and `each` are what
+    `residual` returns (see `Residual`): `last` at the last step, and `each` at every step.
 
     - `arrays`, `static`: the arrays and the other leaves of the solver's state, as `eqx.partition`
       returns them.

@@ -34,8 +34,9 @@ _PRODUCTS = 20
 class ByProducts(optx.AbstractGaussNewton):
     """A Gauss-Newton method that uses the Jacobian only in products with vectors.
 
-    `descent`: computes a step, by Levenberg-Marquardt or by dogleg. The tolerances are 0, because
-    the fit decides when to stop.
+    `descent`: computes a step, by Levenberg-Marquardt or by dogleg. The tolerances `rtol` and
+    `atol` are 0, because the fit decides when to stop. `search` trusts steps more if they reach the
+    fraction `_TRUST` of the predicted decrease, and `verbose` reports nothing.
     """
 
     rtol: float

@@ -43,8 +43,8 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
     """Restore the arrays that `save_state` returned, into a new fit with the same settings.
 
-    Returns the number of steps of the saved fit. Raises `ValueError` if the saved fit had another
-    target, solver or size.
+    `fit` is changed in place. Returns the number of steps of the saved fit. Raises `ValueError` if
+    the saved fit had another target, solver or size, or if its unknowns are not finite.
     """
     if not np.array_equal(arrays.get("target", []), _digest(fit.request.target.image)):
         raise ValueError("`resume` is of another `target`.")
@@ -64,7 +64,7 @@ def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
 
 
 def _solver_state(fit: AbstractFit) -> Any:
-    """The unknowns and those arrays of the solver's state that are saved, as a pair.
+    """Return the unknowns and the part of the solver's state that is saved, as a pair of pytrees.
 
     The state of a least-squares solver contains the derivative at the last point as a program,
     which cannot be saved. For such a solver only the best unknowns and their loss are saved, and it

@@ -37,6 +37,9 @@ def check_steered_state(
 ) -> None:
     """Check the arrays that `steered_state` returned, and the masks; a fault is a `ValueError`.
 
+    The types, shapes and ranges are checked. A mask may have any length.
+
+    - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `settings`: the settings of the saved fit.
     - `shapes`: the shapes of the leaves of the unknowns.
     """

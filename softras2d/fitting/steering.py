@@ -19,8 +19,9 @@ DEFAULTS: dict[str, Any] = {"palette": None, "freeze": [], "background": "mean"}
 def normalize_palette(palette: Any) -> Any:
     """Convert the colours of a palette to lists of floats; `uint8` colours stand for 0..255.
 
-    None, a number of colours, and a value that is not `[colours, 3]` numbers are returned
-    unchanged; `check_palette` refuses invalid values.
+    An array of `uint8` is divided by 255; other numbers keep their values. None, a number of
+    colours, and anything that is not a two-dimensional array of numbers are returned unchanged;
+    `check_palette` refuses invalid values.
     """
     if palette is None or isinstance(palette, bool | int | str):
         return palette
@@ -35,7 +36,11 @@ def normalize_palette(palette: Any) -> Any:
 
 
 def check_palette(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the setting `palette` is valid and agrees with the others."""
+    """Raise `ValueError` unless the setting `palette` is valid and agrees with the others.
+
+    Valid are None, a number of colours in 1..`MAX_PALETTE`, and a list of as many RGB lists in
+    0..1. Unless it is None, the settings `shading` and `colors` must be `"flat"` and `"together"`.
+    """
     palette = settings["palette"]
     if palette is None:
         return
@@ -64,7 +69,7 @@ def check_palette(settings: dict[str, Any]) -> None:
 
 
 def _is_table(rows: Any) -> bool:
-    """Whether each entry of a list is a list of three numbers."""
+    """Whether each entry of a list is a list of three numbers, of which none is a boolean."""
     return all(
         isinstance(row, list)
         and len(row) == 3
@@ -74,14 +79,17 @@ def _is_table(rows: Any) -> bool:
 
 
 MASKED = ("vertices", "triangles")
-"""Names in the option `freeze` that need a mask. Each other name freezes all that it stands for."""
+"""Names in the option `freeze` that need a boolean mask, true for what is frozen.
+
+Each other name freezes all that it stands for, such as all positions."""
 
 
 def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
     """Split the option `freeze` into the sorted list of its names, and its masks by name.
 
-    Both are empty for None. Raises `ValueError` for anything but None, a name, several names, or a
-    mapping of names to True or to boolean masks.
+    Both are empty for None. `freeze` is None, a name, several names, or a mapping from names to
+    True or, for the names in `MASKED`, to one-dimensional boolean masks. Raises `ValueError` for
+    anything else, such as a name in `MASKED` without a mask. The lengths of masks are not checked.
     """
     groups = get_args(names.FreezeGroup)
     if freeze is None:
@@ -111,7 +119,12 @@ def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
 
 
 def check_freeze(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the setting `freeze` is valid and agrees with the others."""
+    """Raise `ValueError` unless the setting `freeze` is valid and agrees with the others.
+
+    It must be a list of names. `"vertices"` needs a mesh; `"opacity"` needs `translucent`; names
+    with masks need a scene or mesh as `start`; `"colors"` and `"triangles"` exclude a palette; and
+    `"colors"` needs the setting `colors` to be `"together"`.
+    """
     groups = settings["freeze"]
     if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
         raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
@@ -148,9 +161,10 @@ def check_length(group: str, mask: np.ndarray, count: int) -> None:
 
 
 def normalize_background(background: Any) -> Any:
-    """Convert a colour to a list of floats in 0..1; a `uint8` colour stands for 0..255.
+    """Convert a colour to a list of floats; a `uint8` colour stands for 0..255.
 
-    A name, or an invalid value, is returned unchanged.
+    An array of `uint8` is divided by 255; other numbers keep their values, even outside 0..1. A
+    name, or a value that is not a list of numbers, is returned unchanged.
     """
     if isinstance(background, str):
         return background
@@ -159,7 +173,11 @@ def normalize_background(background: Any) -> Any:
 
 
 def check_background(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the setting `background` is valid and agrees with the others."""
+    """Raise `ValueError` unless the setting `background` is valid and agrees with the others.
+
+    It must be a name in `names.FitBackground`, or a list of three numbers in 0..1. For a mesh only
+    the default `"mean"` is allowed.
+    """
     background = settings["background"]
     is_color = (
         isinstance(background, list)

@@ -27,5 +27,8 @@ class Target(NamedTuple):
     weights: PixelMap | None = None
 
     def premultiplied(self) -> "Target":
-        """The target with its colours multiplied by their alpha."""
+        """Return the target with its colours multiplied by their alpha, and the same weights.
+
+        An image without alpha stays the same.
+        """
         return self._replace(image=premultiply(self.image))

@@ -32,7 +32,7 @@ class Task:
 
     - `target`: the image and its weights, at the size of the image.
     - `settings`: the arguments of `fit`, checked and completed by `choices`.
-    - `frame`: the size of the fit, in pixels.
+    - `frame`: the size of the fit, in pixels, which may be smaller than the target.
     - `fit`: the state of the fit, an `AbstractFit` of the family that the settings name.
     - `history`: one record for each chunk of steps, including the chunks of the fit that is
       resumed.
@@ -81,7 +81,7 @@ class Task:
         """Whether the colours are solved for, at the end, over the pixels of the target itself.
 
         This is so for meshes whose target is larger than the fit, if the loss is the squared error
-        of sRGB values and nothing is frozen.
+        of sRGB values and neither `freeze` nor `palette` is given.
         """
         settings = self.settings
         is_squared = settings["loss"] == "squared" and settings["light"] == "display"
@@ -165,9 +165,9 @@ class Task:
     def unscored_result(self) -> FitResult:
         """Make the result of an interrupted fit at once, without drawing its scene.
 
-        The image of the result is the image of the last step, enlarged to the size of the target by
-        repeating pixels. Its scores are those of the image of the last step, at the size of the
-        fit.
+        The scene is the one of least loss so far. The image of the result, however, is the image of
+        the last step, enlarged to the size of the target by repeating pixels. Its scores are those
+        of the image of the last step, at the size of the fit.
         """
         height, width = self.target.image.shape[:2]
         rows = np.arange(height) * self.frame.height // height
@@ -194,8 +194,9 @@ class Task:
         """Restore the exact positions of the frozen triangles of layers, without rounding errors.
 
         The positions are those in the scene from which the fit started, or in the result that it
-        resumes. `scene` is in pixels of the target. It is returned unchanged if no triangles of
-        layers are frozen, or if the fit did not start from a scene.
+        resumes. If `freeze` has `"positions"`, all triangles count as frozen. `scene` is in pixels
+        of the target. It is returned unchanged if no triangles of layers are frozen, or if the fit
+        did not start from a scene.
         """
         request, earlier = self.fit.request, self._earlier
         is_given = self.settings["family"] == "layers" and request.starts_from_object

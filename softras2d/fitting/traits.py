@@ -10,8 +10,8 @@ class FamilyTraits(NamedTuple):
     """The option values that one fit family accepts, a row of `TRAITS`.
 
     - `shadings`, `default_shading`: the values of the option `shading`, and its default.
-    - `default_size`: pixels along the longer side of the fit, if the option `size` is not given. A
-      smaller target is fitted at its own size.
+    - `default_size`: pixels along the longer side of the image during the fit, if the option `size`
+      is not given. A smaller target is fitted at its own size.
     - `min_triangles`: the smallest value of the option `triangles`.
     - `translucent`: whether the option `translucent` may be true.
     """

@@ -1,4 +1,4 @@
-"""The unit of positions and the bounds of colours among the unknowns of both families."""
+"""The unit of positions and the bounds of colours among the unknowns, which the solver changes."""
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +7,7 @@ from jaxtyping import Array
 POSITION_UNIT = 20.0
 """Pixels of the fit per unit of a position among the unknowns.
 
+The *unknowns* are the numbers that the solver changes: a position of 1 stands for 20 pixels.
 Solvers work best when all unknowns change the image about equally. With this unit, a change of 0.05
 moves a vertex by one pixel, which changes the image about as much as a change of a colour by 0.05.
 """

@@ -31,8 +31,8 @@ def near_canvas(
 ) -> Float[Array, "triangles 3 2"]:
     """Clip both coordinates of corners to -overshoot..(1 + overshoot) longer sides of the canvas.
 
-    On a canvas that is not square, corners may lie farther than `overshoot` outside its shorter
-    side.
+    The same limits hold for x and y. On a canvas that is not square, corners may therefore lie
+    farther than `overshoot` outside its shorter side.
 
     - `corners`: in multiples of `POSITION_UNIT` pixels, as in `LayersUnknowns`; so is the result.
     - `overshoot`: a multiple of the longer side, as `overshoot_of` returns it.

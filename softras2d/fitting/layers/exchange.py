@@ -27,7 +27,8 @@ _NEW_OPACITY = 0.9
 class Replacement(NamedTuple):
     """A change of the triangles of a fit: they are reordered, then some are replaced by new ones.
 
-    - `order`: for each index in the new order, the index of the triangle in the old order.
+    - `order`: for each index in the new order, the index of the triangle in the old order, for all
+      triangles in the arrays. Spare triangles, which are not in use, come last in both.
     - `first_replaced`: index, in the new order, of the first triangle that is replaced.
     - `corners`, `colors`: the new flat triangles, with corners in pixels of the fit and colours in
       0..1. They replace the triangles `first_replaced`, `first_replaced + 1`, and so on.

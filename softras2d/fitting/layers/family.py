@@ -105,8 +105,7 @@ class LayersFit(AbstractFit):
     def _initial_unknowns(self, start: str | Scene) -> tuple[LayersUnknowns, int]:
         """Make the unknowns to start from; return them and the number of triangles in use.
 
-        `start`: as in `FitRequest`. Raises `ValueError` for a start that does not suit a fit of
-        layers.
+        Raises `ValueError` for an unsuitable `start`, which is as in `FitRequest`.
         """
         count = self.max_triangles
         triangles = start_of(
@@ -119,8 +118,7 @@ class LayersFit(AbstractFit):
     def _freeze(self, y: LayersUnknowns) -> None:
         """Freeze what the options `freeze` and `palette` ask for, at the values in `y`.
 
-        With the option `palette`, colours are frozen only after triangles have got colours of the
-        palette.
+        A palette freezes the colours only after the triangles have got colours of the palette.
         """
         if self.request.may_freeze:
             masks = frozen_fields(self.request, has_fixed_colors=self._is_quantized)
@@ -131,7 +129,7 @@ class LayersFit(AbstractFit):
         return with_frozen(y, self.data.frozen)
 
     def likely_scene(self) -> Scene:
-        """A scene of `max_triangles` random triangles, larger than new ones, then spare ones."""
+        """A scene of `max_triangles` random triangles, larger than added ones, then spare ones."""
         return self._sizes.likely_scene(self.data.background)
 
     @property
@@ -224,9 +222,9 @@ class LayersFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: set the width of soft edges; lower the learning rate, and clip corners near
-        the canvas; add or exchange triangles; fit the background; assign colours of the palette.
-        `share`: share of the fit that is done, 0..1.
+        In this order: set the width of soft edges; with Adam, set the learning rate and clip
+        corners (`canvas.near_canvas`); add or exchange triangles; fit the background; assign
+        colours of the palette. `share`: share of the fit that is done, 0..1.
         """
         self._sharpen(share)
         if self.request.adjustable_rate:
@@ -307,7 +305,7 @@ class LayersFit(AbstractFit):
         return self._palette if self._is_quantized else None
 
     def _exchange(self, count: int) -> None:
-        """Replace up to `count` triangles whose removal costs least by new ones that gain more."""
+        """Replace up to `count` triangles by new ones in front, which `find_exchange` chooses."""
         replacement = find_exchange(
             self._rng, self._with_frozen_values(self.progress.y), premultiply(self.image),
             self.request.target.premultiplied(), self._background, count, active=self.active,
@@ -320,7 +318,8 @@ class LayersFit(AbstractFit):
     def _replace(self, replacement: Replacement) -> None:
         """Add or replace triangles, as `replacement` says, in the unknowns and the solver's state.
 
-        The loss may rise afterwards, so the best unknowns before that are remembered.
+        The loss may rise afterwards, so the best unknowns before that are remembered. Solvers other
+        than Adam restart.
         """
         if np.isfinite(self.progress.best_loss):
             earlier_loss = np.inf if self._earlier_best is None else self._earlier_best.loss
@@ -375,7 +374,10 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays, by name, that `saved.pack` and `steered_state` make."""
+        """Return the arrays, by name, that are saved for a fit of layers only.
+
+        `saved.pack` and, for a palette and for frozen unknowns, `steered_state` say which they are.
+        """
         earlier = self._earlier_best
         best = None if earlier is None else (earlier.loss, earlier.y)
         arrays = saved.pack(best, self._overshoot, self.data.width, self._background, self._rng)

@@ -35,9 +35,10 @@ A smaller gain may be a rounding error."""
 
 
 class NewTriangles(NamedTuple):
-    """New flat triangles.
+    """New flat triangles, in order of falling gain.
 
-    - `corners`: in pixels of the fit, of positive orientation (see `mesh.triangulation`).
+    - `corners`: in pixels of the fit. The cross product of the edges from corner 0 to the corners 1
+      and 2 is positive, with x right and y down.
     - `colors`: RGB in 0..1.
     - `gains`: by how much drawing each triangle alone lowers the squared error.
     """
@@ -97,7 +98,9 @@ def random_triangles(
     """Make a random triangle of positive orientation around each of the given centres.
 
     Each triangle is equilateral with a circumradius near `circumradius`, then rotated and stretched
-    at random, which keeps its area. Centres and `circumradius` are in pixels; so is the result.
+    at random, which keeps its area. Centres and `circumradius` are in pixels; so is the result. In
+    positive orientation, the cross product of the edges from corner 0 to the corners 1 and 2 is
+    positive, with x right and y down.
     """
     count = len(centers)
     angle = rng.uniform(0, 2 * np.pi, (count, 1)) + 2 * np.pi / 3 * np.arange(3)
@@ -133,7 +136,7 @@ def _colors_and_gains(
     """Compute each candidate's best RGB colour, and by how much it lowers the squared error.
 
     - `corners`: the candidates, with corners in pixels.
-    - `target`: premultiplied if there is alpha.
+    - `target`: the target's image, premultiplied if there is alpha.
     - `error`: the weighted squared error of each pixel before the candidate is drawn, summed over
       channels.
     - `weights`: factor for the squared error of each pixel.
@@ -207,9 +210,9 @@ def removal_costs(
 def soup_pixels(corners: Corners, *, height: int, width: int) -> PixelWeights:
     """Find the pixels whose centres lie in each of a number of independent triangles.
 
-    The triangles may overlap and have either orientation; corners are in pixels. A triangle without
-    area, or with a corner that is not finite, has no pixels. The barycentric weights are in the
-    order of the given corners.
+    The canvas has `height` x `width` pixels. The triangles may overlap and have either orientation;
+    corners are in pixels. A triangle without area, or with a corner that is not finite, has no
+    pixels. The barycentric weights are in the order of the given corners.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     is_usable = np.isfinite(area) & (np.abs(area) > 1e-6)

@@ -44,7 +44,7 @@ def pack(
 def unpack_best(
     y: LayersUnknowns, arrays: dict[str, np.ndarray]
 ) -> tuple[float, LayersUnknowns] | None:
-    """Read the loss and unknowns that `pack` got as `best`; None if it got None.
+    """Return the loss and unknowns that `pack` got as `best`; None if it got None.
 
     - `y`: unknowns with the shapes and types that the saved ones must have.
     - `arrays`: all arrays of the saved state, by name.
@@ -57,7 +57,7 @@ def unpack_best(
 
 
 def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -> None:
-    """Set the state of a random generator to the saved state in the array `random`."""
+    """Set the state of `rng` to the saved one, the array `random` among the arrays of a fit."""
     rng.bit_generator.state = json.loads(arrays["random"].tobytes().decode())
 
 
@@ -74,7 +74,8 @@ def check_layers_state(
 ) -> list[tuple[int, ...]]:
     """Check the arrays that `pack` returned; raise `ValueError` for a fault.
 
-    Returns the shapes of the arrays of `LayersUnknowns`, in order.
+    Returns the shapes of the arrays of `LayersUnknowns`, in order, without that of absent
+    opacities.
 
     - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `settings`, `size`: the settings and the size of the fit.

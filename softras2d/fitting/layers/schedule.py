@@ -1,6 +1,7 @@
 """The schedule of a fit of layers: functions of `share`, the share of the fit that is done, 0..1.
 
-- Until `GROWTH_END`, triangles are added where the error is largest.
+- Until `GROWTH_END`, triangles are added where the error is largest. The number in use grows in
+  proportion to the share to the power of 1.5.
 - Then, until `_LAST_EXCHANGE`, triangles are exchanged: those whose removal raises the error least
   are removed, and as many are added where they lower the error most.
 - After that, triangles are only moved and coloured by the solver. Near the end the learning rate
@@ -11,7 +12,7 @@
 import numpy as np
 
 GROWTH_END = 0.4
-"""Share of the fit after which all triangles are in use."""
+"""Share of the fit after which all triangles are in use, if enough of them lower the error."""
 
 _MIN_TRIANGLES = 8
 """Number of triangles that are added at the very start, unless the fit may have only fewer."""
@@ -42,6 +43,9 @@ _SHARPENED = 0.5
 def triangles_to_add(share: float, active: int, total: int) -> int:
     """Number of triangles to add at this share; 0 if too few are missing to be worth an addition.
 
+    They are worth it from a twentieth of `active` on, and always if they are the last ones.
+
+    - `share`: share of the fit that is done, 0..1.
     - `active`: number of triangles in use.
     - `total`: number of triangles in use from `GROWTH_END` on.
     """
@@ -53,7 +57,10 @@ def triangles_to_add(share: float, active: int, total: int) -> int:
 
 
 def is_exchange_due(share: float, last_exchange: float) -> bool:
-    """Whether triangles are to be exchanged at the share `share` of the fit.
+    """Whether triangles are to be exchanged at the share `share` of the fit that is done, 0..1.
+
+    That is so before `_LAST_EXCHANGE`, once `_EXCHANGE_INTERVAL` has passed since the last
+    exchange.
 
     `last_exchange`: the share at the last exchange; 0 if there was none.
     """
@@ -61,17 +68,24 @@ def is_exchange_due(share: float, last_exchange: float) -> bool:
 
 
 def triangles_to_exchange(share: float, total: int) -> int:
-    """Largest number of triangles, of `total`, to exchange at this share; at least 1."""
+    """Largest number of triangles, of `total`, to exchange at this share of the fit; at least 1.
+
+    It falls linearly to 1 as `share`, the share of the fit that is done, grows from 0 to 1.
+    """
     return max(1, int(total * _FIRST_EXCHANGE_SHARE * (1 - share)))
 
 
 def learning_rate(share: float) -> float:
-    """Learning rate at a share of the fit, for a solver whose learning rate can be set."""
+    """Learning rate at a share of the fit, for a solver whose learning rate can be set.
+
+    `share`: share of the fit that is done, 0..1. The learning rate is `_LEARNING_RATE` at first,
+    and falls linearly during the last `_RATE_FALL`, but not below `_FINAL_RATE_FACTOR` of it.
+    """
     return _LEARNING_RATE * max(_FINAL_RATE_FACTOR, min(1.0, (1 - share) / _RATE_FALL))
 
 
 def edge_width(share: float, softness: tuple[float, float]) -> np.float32:
-    """Width of soft edges at a share of the fit, in pixels of the fit.
+    """Width of soft edges at a share of the fit that is done, 0..1, in pixels of the fit.
 
     The width changes geometrically from the first to the last width in `softness`, which it reaches
     at `_SHARPENED` and then keeps.

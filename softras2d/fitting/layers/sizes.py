@@ -27,9 +27,9 @@ class FitSizes(NamedTuple):
     """The sizes and options of a fit of layers that fix the shapes of its arrays.
 
     - `height`, `width`: size of the fit in pixels.
-    - `length`: number of triangles in the arrays, including the spare triangles (see `spare`). It
-      is a size class (`planning.size_classes`), so that fits of nearby numbers of triangles share
-      compiled programs.
+    - `length`: number of triangles in the arrays, including the spare triangles, which are not used
+      yet and lie outside the canvas (see `spare`). It is a size class (`planning.size_classes`), so
+      that fits of nearby numbers of triangles share compiled programs.
     - `max_triangles`: largest number of triangles in use, at most `length`.
     - `gouraud`: whether a triangle has three corner colours; otherwise it has one colour.
     - `translucent`: whether a triangle has an opacity.
@@ -57,7 +57,10 @@ class FitSizes(NamedTuple):
         )  # fmt: skip
 
     def spacing(self, count: int) -> float:
-        """Side, in pixels, of a square whose area is the area of the canvas divided by `count`."""
+        """Side, in pixels, of a square whose area is the area of the canvas divided by `count`.
+
+        A `count` of 0 counts as 1.
+        """
         return float(np.sqrt(self.height * self.width / max(count, 1)))
 
     def circumradius(self, count: int) -> float:
@@ -77,7 +80,8 @@ class FitSizes(NamedTuple):
     def likely_scene(self, background: Float[Array, " channels"]) -> Scene:
         """Make a scene, in pixels of the fit, that is about as costly as later scenes of the fit.
 
-        It has `max_triangles` random triangles, larger than the fit adds them, and spare triangles.
+        It has `max_triangles` random triangles, larger than those that the fit adds, followed by
+        spare triangles. The scene is the same at each call. `background`: its background.
         """
         count = self.max_triangles
         rng = np.random.default_rng(0)
@@ -88,7 +92,10 @@ class FitSizes(NamedTuple):
         return layers_scene(self.unknowns(triangles), background)
 
     def plan(self, scenes: list[Scene]) -> Plan:
-        """Plan to draw any of these scenes with any width of soft edges that the fit will use."""
+        """Make a plan to draw any of these scenes with any width of soft edges in the fit.
+
+        The plan is for soft coverage and the size of the fit, in whose pixels the scenes are.
+        """
         return plan(
             scenes,
             height=self.height,

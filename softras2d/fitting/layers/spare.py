@@ -23,7 +23,7 @@ def padded_unknowns(
 
     - `triangles`: the triangles in use, at most `length`.
     - `max_edge_width`: the largest width of a soft edge in the fit, in pixels of the fit.
-    - `translucent`: whether the unknowns have opacities.
+    - `translucent`: whether the unknowns have opacities. If not, those of `triangles` are ignored.
     """
     active, colors_per_triangle = len(triangles.corners), triangles.colors.shape[1]
     spare_position = _SPARE_PIXELS + _SPARE_WIDTHS * max_edge_width

@@ -20,7 +20,7 @@ class LayersStart(NamedTuple):
 
     - `corners`: in pixels of the fit.
     - `colors`: in 0..1; one colour for each triangle, or one for each of its corners.
-    - `opacity`: in 0..1, one for each triangle.
+    - `opacity`: in 0..1, one for each triangle; not used by fits of opaque triangles.
     """
 
     corners: Float[np.ndarray, "triangles 3 2"]
@@ -39,6 +39,10 @@ def start_of(
     circumradius: float,
 ) -> LayersStart:
     """Make at most `triangles` triangles from which a fit starts; none for the start `"error"`.
+
+    The other starts are `"uniform"`, random triangles in the colours of the target at their
+    centres; `"delaunay"`, those of a mesh, in the colours of least squared error; and a scene,
+    whose triangles are taken.
 
     - `start`: a name that the option `start` accepts, or a scene in pixels of the fit.
     - `target`: the target at the size of the fit.
@@ -132,6 +136,9 @@ def _delaunay(
 def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) -> LayersStart:
     """Take the triangles of a scene; the opacity of a triangle is the mean alpha of its corners.
 
+    The scene is in pixels of the fit. Colours are converted to one or, if `gouraud`, three for each
+    triangle, as `_for_shading` does.
+
     Raises `ValueError` if the scene has more than `triangles` triangles, numbers that are not
     finite, or a property that is not fitted. That is translucency unless `translucent`, textures,
     depth, or perspective.
@@ -156,7 +163,8 @@ def _from_scene(scene: Scene, triangles: int, gouraud: bool, translucent: bool) 
 def _for_shading(colors: np.ndarray, gouraud: bool) -> np.ndarray:
     """Convert one or three colours per triangle to three if `gouraud` is true, else to one.
 
-    One colour is repeated at the three corners; three colours are replaced by their mean.
+    The shape is `[triangles, 1 or 3, 3]`, of `colors` and of the result. One colour is repeated at
+    the three corners; three colours are replaced by their mean.
     """
     if gouraud:
         return np.broadcast_to(colors, (len(colors), 3, 3))

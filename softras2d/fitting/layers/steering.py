@@ -31,8 +31,9 @@ def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, b
 def has_palette_background(request: FitRequest, background: Float[np.ndarray, " channels"]) -> bool:
     """Whether the background must have a colour of the palette.
 
-    It must if there is a palette and the fit chooses the background. A colour that the user gave,
-    the background of a scene to start from, and a transparent background stay as they are.
+    It must if there is a palette, and the fit chooses an opaque background itself. A colour that
+    the user gave, the background of a scene to start from, and a transparent background stay as
+    they are.
 
     `background`: the present background.
     """

@@ -29,7 +29,10 @@ class LayersUnknowns(NamedTuple):
 
 
 def layers_of(leaves: list[Any]) -> LayersUnknowns:
-    """Make the unknowns from the list of their arrays; opaque triangles have no third array."""
+    """Make the unknowns from a list of their arrays; opaque triangles have no third array.
+
+    The arrays are the corners, the colours and the opacities.
+    """
     corners, colors, *opacity = leaves
     return LayersUnknowns(corners, colors, opacity[0] if opacity else None)
 
@@ -52,7 +55,11 @@ class LayersData(NamedTuple):
 
 
 def layers_scene(y: LayersUnknowns, background: Float[Array, " channels"]) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit, with their triangles in draw order."""
+    """Make the scene of the unknowns, in pixels of the fit, with their triangles in draw order.
+
+    Colours and opacities are clipped to 0..1, but with a derivative of 1 everywhere. The opacity of
+    a triangle is the alpha of its colours. `background`: the colour behind all triangles.
+    """
     count = y.corners.shape[0]
     colors = clip_straight_through(y.colors)
     if y.opacity is not None:

@@ -98,7 +98,7 @@ def mesh_pixels(mesh: Mesh) -> PixelWeights:
 def target_at_pairs(
     pairs: PixelWeights, target: Target
 ) -> tuple[Float[np.ndarray, "channels pairs"], Float[np.ndarray, " pairs"] | None]:
-    """Gather the target's channels and its weight at the pixel of each pair.
+    """Gather the target's channels and its weight, as float64, at the pixel of each pair.
 
     The second result is None if the target has no weights.
     """
@@ -165,7 +165,10 @@ def _sum_by_vertex(
 
 
 def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerColors:
-    """Convert the colours of any model to one colour per corner of each triangle."""
+    """Convert the colours of any colour model to one colour per corner of each triangle.
+
+    `model`: the colour model of `colors`.
+    """
     if model == "vertex":
         return colors[mesh.triangles]
     return colors if model == "linear" else np.repeat(colors[:, None], 3, axis=1)
@@ -174,7 +177,10 @@ def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerCol
 def interpolate(
     pairs: PixelWeights, corner_colors: CornerColors
 ) -> Float[np.ndarray, "channels pairs"]:
-    """Interpolate the corner colours of a pair's triangle at the pixel centre of the pair."""
+    """Interpolate the corner colours of a pair's triangle at the pixel centre of the pair.
+
+    A pair is a triangle and a pixel whose centre lies in it.
+    """
     by_corner = corner_colors.transpose(1, 2, 0)
     w, triangle = pairs.weights, pairs.triangle
     return sum(w[i] * by_corner[i][:, triangle] for i in range(3))  # pyright: ignore

@@ -27,6 +27,8 @@ _MAX_ROUNDS = 1000
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
+    Returns the mesh with other triangles; its vertices stay.
+
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
     for _ in range(_MAX_ROUNDS):
@@ -77,7 +79,8 @@ def flip_edges(
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
     """Find the edges whose flip would make two triangles of more than `least_area` each.
 
-    Areas are in square pixels. A triangle whose orientation would be reversed has a negative area.
+    Edges on the border of the canvas, which have one triangle, cannot be flipped. Areas are in
+    square pixels. A triangle whose orientation would be reversed has a negative area.
     """
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.triangles[:, 1] >= 0] for field in edges))
@@ -102,7 +105,10 @@ def _flipped_triangles(
 
 
 def flip(mesh: Mesh, edges: Edges, chosen: Int[np.ndarray, " chosen"]) -> Mesh:
-    """Flip the edges with the indices in `chosen`, no two of which may share a triangle."""
+    """Return the mesh with the edges at the indices `chosen` flipped.
+
+    No two of these edges may share a triangle. The vertices stay.
+    """
     triangles = mesh.triangles.copy()
     for side, flipped in enumerate(_flipped_triangles(edges)):
         triangles[edges.triangles[chosen, side]] = flipped[chosen]

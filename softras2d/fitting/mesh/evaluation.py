@@ -58,7 +58,7 @@ class Evaluation(NamedTuple):
 def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
     """Solve for the colours of least squared error, and compare the mesh's image to the target.
 
-    `model`: the colour model (see `colors`).
+    The mesh is in pixels of the target. `model`: the colour model (see `colors`).
     """
     pairs = mesh_pixels(mesh)
     values, error_weights = target_at_pairs(pairs, target)
@@ -71,8 +71,8 @@ def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
 def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
     """Squared error of each triangle in the colours that are best for this triangle alone.
 
-    For the colour model `"triangle"` that is one colour, and for any other model three corner
-    colours.
+    `moments`: the moments of the triangles (see `colors.Moments`). The colours are not clipped. For
+    the colour model `"triangle"` that is one colour, and for any other model three corner colours.
     """
     total, weight = moments.weighted_target.sum(1), moments.matrix.sum((1, 2))
     mean = total / np.maximum(weight, 1e-12)[:, None]

@@ -57,7 +57,7 @@ class _Best(NamedTuple):
 
 
 class MeshFit(AbstractFit):
-    """A fit of the vertex positions and the colours of a mesh.
+    """A fit of the vertex positions and the colours of a mesh that tiles the canvas.
 
     - `height`, `width`: size of the fit in pixels.
 
@@ -153,7 +153,7 @@ class MeshFit(AbstractFit):
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Begin a new solve on `mesh`, from its data and unknowns."""
+        """Begin a new solve on `mesh`, from its data and unknowns; the steps count from 0."""
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
@@ -165,7 +165,7 @@ class MeshFit(AbstractFit):
         return mesh_scene(self.progress.y, self.data)
 
     def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan to draw any of these scenes with exact coverage, as tilings (`Area("sum")`)."""
+        """Plan to draw any of these scenes as tilings, with exact coverage (`Area("sum")`)."""
         return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
@@ -183,7 +183,8 @@ class MeshFit(AbstractFit):
     def scene(self, *, padded: bool = False) -> Scene:
         """The scene with the least loss so far, in pixels of the fit, without flipped triangles.
 
-        `padded`: keep the spare triangles, which have no area.
+        If the fit has a palette, all triangles have its colours. `padded`: keep the spare
+        triangles, which have no area.
         """
         best = self._best()
         return self._scene_of(best, None if padded else len(best.mesh.triangles))
@@ -226,7 +227,7 @@ class MeshFit(AbstractFit):
     def _scene_of(self, best: _Best, count: int | None) -> Scene:
         """Make the scene of the first `count` triangles of `best`; of all triangles for None.
 
-        If there is a palette, the scene has its colours.
+        If there is a palette, each colour is replaced by the nearest colour of the palette.
         """
         y = best.y
         if self._palette is not None and not self._is_quantized:

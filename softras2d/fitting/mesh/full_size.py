@@ -35,7 +35,10 @@ def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Col
 
 
 def _moments_of_rows(mesh: Mesh, target: Target, first: int, last: int) -> Moments:
-    """Compute the moments of each triangle over its pixels in the rows `first`, ..., `last - 1`."""
+    """Compute `colors.Moments` of each triangle over its pixels in rows `first`, ..., `last - 1`.
+
+    `mesh` and the rows are in pixels of the target, at its original size.
+    """
     image: Image = target.image[first:last]
     weights = None if target.weights is None else target.weights[first:last]
     pairs = pixel_weights(

@@ -53,8 +53,8 @@ def pixel_weights(
 ) -> PixelWeights:
     """Find the pixels whose centres lie in each triangle, on a canvas of `height` x `width` pixels.
 
-    `positions` are in pixels. All triangles must have positive area; they may extend beyond the
-    canvas.
+    `positions` are in pixels, and the centre of the first pixel is at (0.5, 0.5). All triangles
+    must have positive area (see `triangulation`); they may extend beyond the canvas.
 
     A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
     one of its two short edges. A centre on an edge belongs to the triangle to the right of the
@@ -105,7 +105,10 @@ def _expand_ranges(
 def _crossing(
     a: Float[np.ndarray, "spans 2"], b: Float[np.ndarray, "spans 2"], y: Float[np.ndarray, " spans"]
 ) -> Float[np.ndarray, " spans"]:
-    """The x at which the line from `a` to `b` crosses the horizontal line at `y`."""
+    """The x at which the line from `a` to `b` crosses the horizontal line at `y`, for each span.
+
+    The line must not be horizontal.
+    """
     return a[:, 0] + (y - a[:, 1]) * ((b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]))
 
 

@@ -18,7 +18,10 @@ def max_vertices(settings: dict[str, Any]) -> int:
 
 
 def mesh_arrays(name: str, mesh: Mesh) -> dict[str, np.ndarray]:
-    """Return the arrays of a mesh by the names `name.positions`, `name.triangles`, etc."""
+    """Return the arrays of a mesh by the names `name.positions`, `name.triangles`, etc.
+
+    `name` is the given prefix, and the part after the dot is a field of `Mesh`.
+    """
     return {f"{name}.{field}": value for field, value in mesh._asdict().items()}
 
 

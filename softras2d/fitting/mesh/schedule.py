@@ -24,8 +24,10 @@ _FINAL_RATE_FACTOR = 0.02
 def vertices_to_exchange(share: float, last_exchange: float, vertices: int) -> int:
     """Number of vertices to exchange at the share `share` of the fit; 0 if no exchange is due.
 
-    If several exchanges are due, only the last of them is made.
+    If several exchanges in `_EXCHANGES` are due, only the last of them is made. If one is due, the
+    number is at least 1.
 
+    - `share`: share of the fit that is done, 0..1.
     - `last_exchange`: share of the fit at the last exchange; 0 if there was none.
     - `vertices`: number of vertices of the mesh.
     """
@@ -34,6 +36,10 @@ def vertices_to_exchange(share: float, last_exchange: float, vertices: int) -> i
 
 
 def learning_rate(share: float) -> float:
-    """Learning rate at a share of the fit, for a solver whose learning rate can be set."""
+    """Learning rate at a share of the fit, for a solver whose learning rate can be set.
+
+    It falls like half a cosine from `_LEARNING_RATE`, but not below `_FINAL_RATE_FACTOR` of that.
+    `share`: share of the fit that is done, 0..1.
+    """
     factor = max(_FINAL_RATE_FACTOR, 0.5 + 0.5 * np.cos(np.pi * share))
     return float(_LEARNING_RATE * factor)

@@ -143,7 +143,8 @@ def _best_on_edges(
 def _edge_point(fraction: float, corner: int) -> SplitPoints:
     """The point at a fraction of the edge from a corner of each triangle to the next corner.
 
-    `fraction`: 0 at `corner`, which is 0, 1 or 2, and 1 at the next corner.
+    The point is given by its barycentric weights, which are the same in all triangles. `fraction`:
+    0 at `corner`, which is 0, 1 or 2, and 1 at the next corner.
     """
     point = np.zeros((3, 1))
     point[corner], point[(corner + 1) % 3] = 1 - fraction, fraction
@@ -153,7 +154,8 @@ def _edge_point(fraction: float, corner: int) -> SplitPoints:
 def _center_of_error(evaluation: Evaluation) -> SplitPoints:
     """Mean of the pixel centres in each triangle, weighted by their squared error, as split points.
 
-    In a triangle without error, the point is the centroid.
+    The result has the barycentric weights of each mean. In a triangle without error, the point is
+    the centroid.
     """
     pairs = evaluation.pairs
     sums = pairs.sum_by_triangle(evaluation.error * pairs.weights)
@@ -164,7 +166,8 @@ def _center_of_error(evaluation: Evaluation) -> SplitPoints:
 def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
     """The pixel centre with the largest squared error in each triangle, as split points.
 
-    In a triangle without pixels, the point is the centroid.
+    The result has the barycentric weights of each pixel centre. In a triangle without pixels, the
+    point is the centroid.
     """
     pairs, error = evaluation.pairs, evaluation.error
     has_pixels = pairs.pixel_counts > 0

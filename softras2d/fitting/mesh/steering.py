@@ -13,8 +13,8 @@ from .triangulation import Mesh, is_bound
 def free_coordinates(mesh: Mesh, request: FitRequest) -> Bool[np.ndarray, "vertices 2"]:
     """Whether each coordinate, x and y, of each vertex may move.
 
-    A coordinate may move unless the user froze the vertex, or the vertex lies on a side of the
-    canvas that fixes this coordinate. Raises `ValueError` as `frozen_vertices` does.
+    A coordinate may move unless the user froze all positions or the vertex, or the vertex lies on a
+    side of the canvas that fixes this coordinate. Raises `ValueError` as `frozen_vertices` does.
     """
     if "positions" in request.settings["freeze"]:
         return np.zeros((len(mesh.positions), 2), bool)
@@ -43,8 +43,8 @@ def frozen_colors(
 def frozen_vertices(mesh: Mesh, request: FitRequest) -> Mask:
     """Whether the user froze each vertex, either itself or as a corner of a frozen triangle.
 
-    Raises `ValueError` if a mask of the option `freeze` does not have one entry for each vertex or
-    triangle of `mesh`.
+    Only the masks of the option `freeze` count, not its name `"positions"`. Raises `ValueError` if
+    a mask of the option `freeze` does not have one entry for each vertex or triangle of `mesh`.
     """
     count, masks = len(mesh.positions), request.masks
     frozen = masks.get("vertices", np.zeros(count, bool)).copy()

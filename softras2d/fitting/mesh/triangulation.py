@@ -69,7 +69,8 @@ class Edges(NamedTuple):
 def make_mesh(positions: Points, triangles: Triangles, *, height: int, width: int) -> Mesh:
     """Make a mesh in which the vertices exactly on the border of the canvas may only move along it.
 
-    `positions` are in pixels. The tiling is not checked.
+    A vertex at x 0 or `width` cannot move along x, and one at y 0 or `height` not along y. All
+    others can move. `positions` are in pixels. The tiling is not checked.
     """
     x, y = positions.T
     return Mesh(
@@ -105,7 +106,7 @@ def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, "
 
 
 def find_edges(triangles: Triangles) -> Edges:
-    """Find the edges of triangles that all have the same orientation.
+    """Find the edges of triangles that all have the same orientation, each edge once.
 
     The edges are sorted by their vertices, so that equal meshes give equal tables. Raises
     `ValueError` if an edge has more than two triangles, or two that have its vertices in the same
@@ -194,7 +195,10 @@ def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
 
 
 def least_altitudes(mesh: Mesh) -> Float[np.ndarray, " vertices"]:
-    """The least altitude, in pixels, of the triangles around each vertex."""
+    """The least altitude, in pixels, of the triangles around each vertex.
+
+    The least altitude of a triangle is twice its area divided by its longest side.
+    """
     corners = mesh.positions[mesh.triangles]
     longest_side = np.linalg.norm(corners - np.roll(corners, 1, 1), axis=-1).max(1)
     altitude = 2 * signed_areas(mesh.positions, mesh.triangles) / longest_side

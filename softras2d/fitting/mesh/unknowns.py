@@ -70,7 +70,11 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 
 
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
-    """Make the scene of the unknowns, in pixels of the fit, with the spare triangles."""
+    """Make the scene of the unknowns, in pixels of the fit, with the spare triangles.
+
+    Frozen numbers and coordinates that may not move have their fixed values. Colours are clipped to
+    0..1, but with a derivative of 1 everywhere.
+    """
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
