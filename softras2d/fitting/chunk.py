@@ -30,8 +30,8 @@ def advance_fits(
     """Take a chunk of `steps` steps of each fit; return, for each fit, the loss of each step taken.
 
     This updates the `progress` and the `image` of each fit, after solving for its colours if the
-    option `colors` is `"solve"`. Several fits must have the same shapes,
-    solver and settings, so that one compiled program serves them all.
+    option `colors` is `"solve"`. Several fits must have the same shapes, solver and settings, so
+    that one compiled program serves them all.
 
     - `max_steps`: an upper bound on `steps`. Chunks with equal `max_steps` share a program.
     - `devices`: as in `solve.advance_each`.

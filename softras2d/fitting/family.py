@@ -153,7 +153,7 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def current_scene(self) -> Scene:
-        """The scene of the present unknowns, in pixels of the fit, without spare triangles.
+        """The scene of the present unknowns, in pixels of the fit, with the triangles in use alone.
 
         If the fit has a palette, all triangles have colours of the palette.
         """

@@ -109,7 +109,7 @@ def fit(
     - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
       there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
       colour is fitted, for opaque targets. A colour, RGB in 0..1, is not changed. `"transparent"`:
-      an opaque target gets an alpha of 1.
+      nothing is behind the layers, and an opaque target gets an alpha of 1.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `callback`: called with the current scene and a `ProgressReport` after each chunk of steps. It
       may return another scene, from which the fit then continues: see below.
@@ -198,9 +198,9 @@ def _fit_to_the_end(
     """Run a fit to its limits, solve for colours if the settings ask for it, and make the result.
 
     If Ctrl-C was pressed, colours are not solved for. With a `callback`, they are not solved for at
-    the size of the target. After the first Ctrl-C, the result so far is
-    written to `checkpoint`, if there is one, and returned. After the second, an unscored result is
-    written there, and `KeyboardInterrupt` is raised.
+    the size of the target. After the first Ctrl-C, the result so far is written to `checkpoint`, if
+    there is one, and returned. After the second, an unscored result is written there, and
+    `KeyboardInterrupt` is raised.
     """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)

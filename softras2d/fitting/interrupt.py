@@ -20,7 +20,8 @@ def deferred_interrupt() -> Iterator[Interrupt]:
     """Record the first Ctrl-C in a `with` block, instead of raising `KeyboardInterrupt`.
 
     Yields an `Interrupt`, which the block must look at in order to end in time. A second Ctrl-C
-    raises `KeyboardInterrupt`. In threads other than the main thread nothing is recorded, because
+    raises `KeyboardInterrupt`. At the end of the block, the earlier signal handler is restored. In
+    threads other than the main thread nothing is recorded, because
     Python delivers Ctrl-C to the main thread alone.
     """
     interrupt = Interrupt()

@@ -93,7 +93,10 @@ class Loss(eqx.Module):
 
 
 def _scalar(value: Any) -> Float[Array, ""]:
-    """Convert the result of a user's loss to float32; raise `ValueError` unless it is a scalar."""
+    """Convert the result of a user's loss to float32.
+
+    Raises `ValueError` unless it is one floating-point number, a scalar.
+    """
     if jnp.shape(value) != () or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
         got = f"{jnp.result_type(value)} {list(jnp.shape(value))}"
         raise ValueError(f"`loss` must return one real number; its function returned {got}.")

@@ -168,7 +168,7 @@ def quantize(
 
     The squared error is computed from sRGB values, multiplied by the weights of the pixels, and
     summed over pixels and channels, whatever the loss of the fit. It does not rise if the colours
-    in `y` are of the palette already.
+    in `y`, and the background if it gets one, are of the palette already.
 
     - `residual`: the residual of the fit (`AbstractFit.residual`), of which only the image is used.
     - `y`: the unknowns, in which frozen numbers have their fixed values.

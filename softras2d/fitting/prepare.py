@@ -98,9 +98,8 @@ def check_image(target: Any) -> Image:
 
     An image is `[height, width]` or `[height, width, 1, 3 or 4]`, with at least one pixel, of
     floats, `uint8` or booleans. It must be finite and not negative, with alpha at most 1. `uint8`
-    values stand for 0..255, booleans for black and white, and grey is repeated in three
-    channels. Colours above 1 become 1, which is the brightest that a triangle can have, with a
-    warning.
+    values stand for 0..255, booleans for black and white, and grey is repeated in three channels.
+    Colours above 1 become 1, which is the brightest that a triangle can have, with a warning.
     """
     image = np.asarray(target)
     is_gray = image.ndim == 2 or (image.ndim == 3 and image.shape[-1] == 1)

@@ -95,7 +95,9 @@ class FitResult:
     def report(self) -> dict[str, Any]:
         """Return settings, scores, history, versions and machine, in types that JSON has.
 
-        Numbers that are not finite, such as the PSNR of equal images, are None.
+        The dictionary also has the size in pixels, the numbers of triangles, steps and seconds, and
+        whether the fit was interrupted. Numbers that are not finite, such as the PSNR of equal
+        images, are None.
         """
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)
         return {

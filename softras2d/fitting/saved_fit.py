@@ -45,7 +45,8 @@ _MAX_SIDE = 2**16
 def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
     """Read the array `facts`, JSON; return the fit's settings, and whether the fit was interrupted.
 
-    Raises `ValueError` for a file of another format, and for settings that no fit can have.
+    Settings that files of earlier versions lack have the values of `steering.DEFAULTS`. Raises
+    `ValueError` for a file of another format, and for settings that no fit can have.
     """
     data = entries.take("facts", np.uint8, ("bytes",))
     if data.size > _MAX_FACTS_BYTES:

@@ -42,7 +42,10 @@ class Progress(NamedTuple):
 
     @property
     def best(self) -> Any:
-        """The unknowns with the least loss of all that the solver has evaluated."""
+        """The unknowns with the least loss of all that the solver has evaluated.
+
+        After `forget_best`, only later evaluations count.
+        """
         return self.state.best_y
 
     @property

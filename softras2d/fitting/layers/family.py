@@ -55,9 +55,8 @@ class _EarlierBest(NamedTuple):
 class LayersFit(AbstractFit):
     """A fit of free triangles, flat or with corner colours, opaque or translucent.
 
-    - `height`, `width`: size of the fit in pixels.
-
-    The base class describes the other attributes and the methods.
+    `height`, `width`: size of the fit in pixels. The base class describes the other attributes and
+    the methods.
     """
 
     data: LayersData
@@ -129,7 +128,7 @@ class LayersFit(AbstractFit):
         return with_frozen(y, self.data.frozen)
 
     def likely_scene(self) -> Scene:
-        """A scene of `max_triangles` random triangles, larger than added ones, then spare ones."""
+        """Make a scene of `max_triangles` large random triangles, followed by the spare ones."""
         return self._sizes.likely_scene(self.data.background)
 
     @property
@@ -148,12 +147,13 @@ class LayersFit(AbstractFit):
     def scene(self, *, padded: bool = False) -> Scene:
         """The scene with the least loss so far, in pixels of the fit.
 
-        `padded`: keep the spare triangles, which lie outside the canvas.
+        If there is a palette, each colour is the nearest one of the palette. `padded`: keep the
+        spare triangles, which lie outside the canvas.
         """
         return self._scene_of(self._best, slice(None if padded else self.active))
 
     def current_scene(self) -> Scene:
-        """The scene of the present unknowns, in pixels of the fit, without spare triangles."""
+        """The scene of the present unknowns, in pixels of the fit, with triangles in use alone."""
         return self._scene_of(self._with_frozen_values(self.progress.y), slice(self.active))
 
     def go_on_from(self, scene: Scene) -> None:
@@ -241,7 +241,7 @@ class LayersFit(AbstractFit):
             self._quantize(self._palette)
 
     def _add_or_exchange(self, share: float) -> None:
-        """Add triangles or, once all are in use, exchange some, as is due at the share `share`."""
+        """Add triangles or, once all are in use, exchange some, if due at this share of the fit."""
         max_triangles = self.max_triangles
         count = schedule.triangles_to_add(share, self.active, max_triangles)
         if count:
@@ -268,7 +268,7 @@ class LayersFit(AbstractFit):
         self.progress = begin(self.request.solver, self.residual, y, data)
 
     def _sharpen(self, share: float) -> None:
-        """Set the width of soft edges that the schedule gives for the share `share` of the fit.
+        """Set the width of soft edges for the share of the fit that is done, `share` in 0..1.
 
         A new width makes losses incomparable, so it forgets the best unknowns so far.
         """

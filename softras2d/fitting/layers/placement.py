@@ -60,7 +60,8 @@ def find_new_triangles(
     """Find at most `count` opaque triangles to draw over `image`: the best of many random ones.
 
     The centres of candidates are drawn at random, in proportion to the blurred squared error. Each
-    candidate has the weighted mean colour of the target inside it. The chosen ones hardly overlap,
+    candidate has the weighted mean colour of the target inside it, or, with a palette, the nearest
+    colour of the palette. The chosen ones hardly overlap,
     so that their gains add up. Fewer than `count`, or none, are returned if too few candidates
     lower the error.
 
@@ -134,6 +135,8 @@ def _colors_and_gains(
     palette: Palette | None,
 ) -> tuple[Float[np.ndarray, "triangles 3"], Float[np.ndarray, " triangles"]]:
     """Compute each candidate's best RGB colour, and by how much it lowers the squared error.
+
+    A candidate covers the pixels whose centres lie in it. Without any, it gains 0.
 
     - `corners`: the candidates, with corners in pixels.
     - `target`: the target's image, premultiplied if there is alpha.

@@ -62,7 +62,7 @@ def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -
 
 
 def length_of(arrays: dict[str, Any]) -> int:
-    """Number of triangles in the arrays of a saved fit of layers, spare ones included.
+    """Number of triangles in the arrays of a saved fit of layers, with those not in use yet.
 
     `arrays`: all arrays of the saved state, by name.
     """

@@ -72,7 +72,7 @@ class FitSizes(NamedTuple):
         return _NEW_SIZE * _EXCHANGED_SIZE * self.spacing(count)
 
     def unknowns(self, triangles: LayersStart) -> LayersUnknowns:
-        """Make unknowns of `length` triangles: the given triangles, followed by spare ones."""
+        """Make unknowns of `length` triangles: the given ones, then spare ones off the canvas."""
         return padded_unknowns(
             triangles, self.length, max_edge_width=max(self.softness), translucent=self.translucent
         )

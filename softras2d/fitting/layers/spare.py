@@ -21,6 +21,8 @@ def padded_unknowns(
 ) -> LayersUnknowns:
     """Make unknowns of `length` triangles: the given ones, in use, followed by spare ones.
 
+    Spare triangles lie outside the canvas, beyond the reach of their soft edges.
+
     - `triangles`: the triangles in use, at most `length`.
     - `max_edge_width`: the largest width of a soft edge in the fit, in pixels of the fit.
     - `translucent`: whether the unknowns have opacities. If not, those of `triangles` are ignored.

@@ -35,6 +35,7 @@ def data_and_unknowns(
     """Make the data and the unknowns of a mesh, with clipped colours of least squared error.
 
     - `mesh`: with positions in pixels of the fit.
+    - `request`: the request of the fit, with the target, the loss, and what is frozen.
     - `model`: the colour model, which says how many colours there are.
     - `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     - `scale`: pixels per unit of position, as in `MeshData.scale`; None: it is computed from the
@@ -73,7 +74,7 @@ def padded_colors(colors: Colors, model: ColorModel, capacity: int) -> Float[Arr
     One colour per vertex is returned as it is. For the other colour models, zeros are appended for
     the spare triangles.
 
-    `capacity`: number of triangles in the arrays, including spare triangles.
+    `capacity`: number of triangles in the arrays, including spare triangles, which are not visible.
     """
     if model != "vertex":
         colors = colors[:, None] if colors.ndim == 2 else colors

@@ -41,7 +41,10 @@ class Collapses(NamedTuple):
     remains: Bool[np.ndarray, " entries"]
 
     def take(self, chosen: Int[np.ndarray, " chosen"]) -> "Collapses":
-        """Return only the candidates with the indices in `chosen`, in this order."""
+        """Return only the candidates with the indices in `chosen`, in this order.
+
+        Their entries are returned with them, and refer to the new indices of the candidates.
+        """
         rank = np.full(len(self.vertex), -1)
         rank[chosen] = np.arange(len(chosen))
         entries = np.flatnonzero(rank[self.candidate] >= 0)
@@ -210,7 +213,10 @@ def _triangles_around(collapses: Collapses) -> Int[np.ndarray, "candidates degre
 
 
 def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
-    """Carry out all of the given collapses; no two of them may change the same triangle."""
+    """Return the mesh after all of the given collapses.
+
+    No two of them may change the same triangle. The vertices that remain keep their order.
+    """
     unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
     triangles = np.concatenate([unchanged, collapses.corners_after[collapses.remains]])
     stays: Bool[np.ndarray, " vertices"] = np.ones(len(mesh.positions), bool)

@@ -153,7 +153,10 @@ class MeshFit(AbstractFit):
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Begin a new solve on `mesh`, from its data and unknowns; the steps count from 0."""
+        """Make `mesh`, its data and its unknowns `y` those of the fit, and begin a new solve there.
+
+        The steps count from 0 again.
+        """
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
 
@@ -255,7 +258,7 @@ class MeshFit(AbstractFit):
         """Replace the unknowns by the best so far, with colours that suit the pixels of `target`.
 
         `target`: the image and its weights at their original size. The colours minimise the
-        weighted squared error of sRGB values.
+        weighted squared error of sRGB values, and are then clipped to 0..1.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
@@ -280,9 +283,9 @@ class MeshFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: move vertices back until no triangle is flipped; exchange vertices when due;
-        lower the learning rate; assign colours of the palette. `share`: share of the fit that is
-        done, 0..1.
+        In this order: move vertices back until no triangle is flipped; exchange vertices when that
+        is due and the options allow it; with Adam, lower the learning rate; assign colours of the
+        palette, if there is one. `share`: share of the fit that is done, 0..1.
         """
         if self.progress.steps:
             self._untangle()

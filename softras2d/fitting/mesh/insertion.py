@@ -51,7 +51,8 @@ def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mes
     """Insert the candidates with the indices in `chosen` into the mesh, as new vertices.
 
     `splits` has a candidate for each triangle and for each edge of the mesh. No two of the chosen
-    ones may split the same triangle.
+    ones may split the same triangle. Returns a mesh whose new vertices come last, in the order of
+    `chosen`.
     """
     triangles = len(mesh.triangles)
     new_vertex = len(mesh.positions) + np.arange(len(chosen))

@@ -57,7 +57,8 @@ def check_mesh_state(
 def _shapes(shading: str, vertices: int) -> list[tuple[int, ...]]:
     """Shapes of the unknowns, positions and colours, of a mesh with `vertices` vertices.
 
-    `shading`: the value of the option `shading`.
+    `shading`: the value of the option `shading`. With `"gouraud"`, there is one colour per vertex;
+    otherwise, 2 `vertices` - 6 triangles have one (`"flat"`) or three colours each.
     """
     if shading == "gouraud":
         return [(vertices, 2), (vertices, 3)]

@@ -86,6 +86,8 @@ def _best_in_triangles(
 ) -> tuple[Float[np.ndarray, " triangles"], Float[np.ndarray, "triangles 2"]]:
     """Return the gain and the position, in pixels, of the best split point inside each triangle.
 
+    If a piece would be too small at every point that is tried, the gain is minus infinity.
+
     - `evaluation`: the colours and errors of `mesh`.
     - `areas`: area of each triangle, in square pixels.
     - `least_area`: least area of a piece, in square pixels.
@@ -110,6 +112,8 @@ def _best_on_edges(
     least_area: float,
 ) -> tuple[Float[np.ndarray, " edges"], Float[np.ndarray, "edges 2"]]:
     """Return the gain and the position, in pixels, of the best split point on each edge.
+
+    If a piece would be too small at every point that is tried, the gain is minus infinity.
 
     - `evaluation`: the colours and errors of `mesh`.
     - `areas`: area of each triangle, in square pixels.
@@ -244,7 +248,7 @@ def _gain(
 
     With one colour per vertex, all other colours stay fixed. The drop is then the gain of one step
     of matching pursuit: the squared product of hat function and residual, divided by the product of
-    the hat function with itself, and summed over channels.
+    the hat function with itself plus `_HAT_DAMPING`, and summed over channels.
     """
     if model != "vertex":
         return statistics[:, 0]

@@ -108,8 +108,8 @@ def error_start(
     - `seed`: seed of the uniform mesh with which the first round begins.
     - `must_start()`: asked before each round; if it returns true, no further round begins.
 
-    The mesh has fewer vertices if no more can lower the error. Raises `ValueError` as
-    `uniform_start` does.
+    The mesh has fewer vertices if no more can lower the error, or if `must_start` ends the rounds
+    early. Raises `ValueError` as `uniform_start` does.
     """
     height, width = target.image.shape[:2]
     coarse = min(vertices, COARSE, max(4, height * width // 16))

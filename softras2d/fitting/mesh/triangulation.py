@@ -99,7 +99,8 @@ def delaunay_mesh(positions: Points, *, height: int, width: int) -> Mesh:
 def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, " triangles"]:
     """Areas of triangles in square pixels, positive for positive orientation.
 
-    The orientation is positive if (b - a) x (c - a) is, with x right and y down.
+    The orientation of a triangle with the corners a, b, c is positive if the cross product
+    (b - a) x (c - a) is, with x right and y down.
     """
     a, b, c = (positions[triangles[:, i]] for i in range(3))
     return 0.5 * cross(b - a, c - a)
@@ -138,9 +139,10 @@ def find_edges(triangles: Triangles) -> Edges:
 def check_tiling(mesh: Mesh) -> None:
     """Raise `ValueError` unless the triangles cover the canvas once, without gap or overlap.
 
-    These conditions together suffice: all areas are positive, and sum to the area of the canvas;
-    each edge has two triangles or lies on the border; and the vertices on the border are marked as
-    bound to it.
+    These conditions together suffice: all positions are finite; each vertex belongs to a triangle;
+    all areas are positive, and sum to the area of the canvas; the four corners of the canvas are
+    vertices; each edge has two triangles or lies on the border; and exactly the vertices on the
+    border are marked as bound to it.
     """
     positions, triangles = mesh.positions, mesh.triangles
     if not np.isfinite(positions).all():

@@ -72,8 +72,9 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     """Make the scene of the unknowns, in pixels of the fit, with the spare triangles.
 
-    Frozen numbers and coordinates that may not move have their fixed values. Colours are clipped to
-    0..1, but with a derivative of 1 everywhere.
+    Spare triangles fill up the arrays and have no area. Frozen numbers and coordinates that may not
+    move have their fixed values. Colours are clipped to 0..1, but with a derivative of 1
+    everywhere.
     """
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
@@ -111,8 +112,9 @@ def _fold_residual(
 ) -> Float[Array, " triangles"]:
     """Residual that penalises each triangle of less area than `_SMALL_AREA`, also of negative area.
 
-    It grows linearly as the area falls. It is zero, with zero gradient, for triangles that are
-    large enough and for spare ones. `positions` are in pixels of the fit.
+    It grows linearly as the area falls, and is `_FOLD_RESIDUAL` at an area of 0. It is zero, with
+    zero gradient, for triangles that are large enough and for spare ones. `positions` are in pixels
+    of the fit.
     """
     a, b, c = (positions[triangles[:, corner]] for corner in range(3))
     ab, ac = b - a, c - a
