@@ -131,7 +131,7 @@ class AbstractFit(abc.ABC):
     @property
     @abc.abstractmethod
     def max_triangles(self) -> int:
-        """Largest number of triangles in use at the end of the fit, which for a mesh is a guess."""
+        """Largest number of triangles in use at the end of the fit; for a mesh, an estimate."""
 
     @abc.abstractmethod
     def likely_scene(self) -> Scene:

@@ -91,12 +91,12 @@ def fit(
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, 0 or more: factors for the squared or absolute error of each
       pixel. They are divided by their mean. A function as `loss` takes none.
-    - `start`: with `"error"`, triangles are added during the fit where the error is largest, and
-      the triangles that matter least are replaced by new ones there. With any other start, all
-      triangles exist from the beginning, and none are added or replaced: `"uniform"`, random
-      triangles, or a mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are
-      denser where the image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in
-      pixels of the fit.
+    - `start`: with `"error"`, triangles of layers are added during the fit where the error is
+      largest, and vertices of a mesh are inserted there before the first step; during the fit,
+      those that matter least are replaced by new ones there. With any other start, all triangles
+      exist from the beginning, and none are added or replaced: `"uniform"`, random triangles, or a
+      mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are denser where the
+      image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
     - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1,
       `[colours, 3]`, or a number of colours, which the fit then chooses. Each triangle has one of
       them, and so has the background of layers if the fit chooses it. For `shading="flat"`.

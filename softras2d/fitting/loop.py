@@ -30,7 +30,8 @@ class ProgressReport(NamedTuple):
     - `record`: the record of the last chunk of steps.
     - `share`: share of the fit that is done, 0..1.
     - `seconds_left`: estimated seconds until the last step; NaN until the estimate is known.
-    - `triangles`: the largest number of triangles that the fit may have.
+    - `triangles`: the largest number of triangles that the fit may have; for a mesh, the present
+      number.
     - `scene()`: returns the scene with the least loss so far, in pixels of the target. All scenes
       of a fit have the same shapes: triangles that are not in use lie outside the canvas or have no
       area.
