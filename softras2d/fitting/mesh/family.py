@@ -149,7 +149,7 @@ class MeshFit(AbstractFit):
         )
 
     def _frozen_colors(self, mesh: Mesh) -> dict[str, bool | Mask]:
-        """Return which colours of `mesh` are frozen now; see `steering.frozen_colors`."""
+        """Return which colours of `mesh` are frozen now, as `steering.frozen_colors` does."""
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
@@ -243,7 +243,10 @@ class MeshFit(AbstractFit):
         return replace(scene, triangles=triangles, colors=colors)
 
     def polish(self) -> None:
-        """Replace the unknowns by the best so far, with the colours of least squared error."""
+        """Replace the unknowns by the best so far, with the colours of least squared error.
+
+        The best unknowns are then forgotten. A plan that is too small for the new ones is replaced.
+        """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
         # The best unknowns may be older than the last exchange, and outgrow the present plan.
@@ -275,7 +278,7 @@ class MeshFit(AbstractFit):
     def replan(self, reached: Sequence[tuple[MeshUnknowns, MeshData]]) -> MeshResidual:
         """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
 
-        `reached`: pairs `(unknowns, data)`.
+        `reached`: pairs `(unknowns, data)`. The fit itself does not change.
         """
         plan = self._plan([mesh_scene(y, data) for y, data in reached])
         return MeshResidual(plan, self.request.loss)
