@@ -200,7 +200,7 @@ class LayersFit(AbstractFit):
         return layers_scene(y._replace(corners=self._near_canvas(y.corners)), background)
 
     def polish(self) -> None:
-        """Go to the best unknowns so far, with colours of least squared error; forget the best."""
+        """Replace the unknowns by the best so far, with the colours of least squared error."""
         y, loss = self._best, self.request.loss
         # The best unknowns may be older than the last exchange, and outgrow the present plan.
         plan_for_best = self._sizes.plan(
