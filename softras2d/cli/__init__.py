@@ -35,7 +35,10 @@ app.command("demo")(make_demo)
 
 
 def _print_version(wanted: bool) -> bool:
-    """Print the version and exit if `wanted`, the value of `--version`, is true."""
+    """Print the version and exit with code 0 if `wanted`, the value of `--version`, is true.
+
+    Otherwise return `wanted`.
+    """
     if wanted:
         typer.echo(f"softras2d {__version__}")
         raise typer.Exit

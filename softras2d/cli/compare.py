@@ -110,8 +110,11 @@ def _exact_image(
 ) -> "np.ndarray":
     """Render an SVG drawing at the size of `image`, with `samples` samples per pixel.
 
-    If all values of `image` are multiples of 1/255, as in an 8-bit file, the result is rounded to
-    such values, too.
+    - `image`: floats `[height, width, channels]` in 0..1. If all of them are multiples of 1/255, as
+      in an 8-bit file, the result is rounded to such values, too.
+    - `dialect`: dialect of SVG in which the drawing is read.
+
+    Returns floats `[height, width, 3 or 4]` in 0..1, in sRGB with straight alpha.
     """
     from ..io.pixel_values import round_to_levels
     from .render_steps import make_plan, read_scene, render_image

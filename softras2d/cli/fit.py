@@ -133,7 +133,8 @@ def _picture_options(pictures: list[Path], options: dict[str, Any]) -> PictureOp
 
     - `pictures`: the pictures that the user has named, of which the first is fitted. If there is
       none, the bundled picture is fitted.
-    - `options`: the values of all parameters of `fit_picture`, by name.
+    - `options`: the values of all parameters of `fit_picture`, by name. If they name no output
+      file, the output is that of `_default_output`.
     """
     target = pictures[0] if pictures else None
     return PictureOptions(
@@ -151,10 +152,10 @@ def _picture_options(pictures: list[Path], options: dict[str, Any]) -> PictureOp
 
 
 def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
-    """Parse the options in `given` whose values are texts of numbers, colours or names.
+    """Parse the texts of the options `softness`, `palette`, `background` and `freeze` in `given`.
 
-    Returns `given` with the parsed values in place of these texts. Raises `ValueError` for texts
-    that cannot be parsed.
+    Returns a copy of `given` with the parsed values in place of these texts; the other options are
+    unchanged. Raises `ValueError` for texts that cannot be parsed.
     """
     return given | {
         "softness": _parse_softness(given["softness"]),
@@ -167,9 +168,10 @@ def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
 def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
     """Raise `ValueError` if one picture cannot be fitted with these options.
 
-    This is so if the user has named more than one picture, if an output cannot be written or would
-    replace an input, if an option about SVG files is given and none is written, and if the browser
-    of `--compare-in` is missing. `pictures`: all pictures that the user has named.
+    This is so if the user has named more than one picture, if an option about SVG files is given
+    and none is written, and if the browser of `--compare-in` is missing. It is so too if an output
+    cannot be written, or would replace the picture, the image of weights, or the file of `--start`.
+    The file of `--resume` may be replaced. `pictures`: all pictures that the user has named.
     """
     if len(pictures) > 1:
         raise ValueError(
@@ -187,7 +189,7 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
 def _default_output(target: Path | None) -> Path:
     """Path of the output if the user gives no `--output`: an SVG beside the picture `target`.
 
-    If the picture comes from standard input (`-`), it is standard output. For the bundled picture
+    For `photo.jpg` it is `photo.fit.svg`. If the picture comes from standard input (`-`), it is standard output. For the bundled picture
     (None), it is `valley.fit.svg` in the current folder.
     """
     if target == STANDARD_STREAM:
@@ -199,8 +201,9 @@ def _default_output(target: Path | None) -> Path:
 def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float | None) -> None:
     """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded.
 
-    - `settings`: arguments of `fit`, by name, as `_parse_texts` returns them.
-    - `steps`, `seconds`: the limits of the fit, or None.
+    - `settings`: arguments of `fit`, by name, as `_parse_texts` returns them. They do not include
+      `start` and `weights`, which are checked elsewhere.
+    - `steps`, `seconds`: the limits of the fit, of which at most one may be given, or None.
     """
     from ..fitting import choices, steering
 
@@ -213,7 +216,8 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
     """Warn of options that the user gave, although they have no effect on a resumed fit.
 
-    `options`: the values of all parameters of `fit_picture`, by name.
+    An option counts as given if its value differs from its default. `options`: the values of all
+    parameters of `fit_picture`, by name.
     """
     ignored = _list_changed_options(options, (*_SETTINGS, *_FILES_OF_SETTINGS))
     if ignored:
@@ -243,7 +247,10 @@ _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softne
 def _check_film(frames: list[Path], film: FilmOptions, options: dict[str, Any]) -> None:
     """Raise `ValueError` for a film that cannot be written, and for options that films lack.
 
+    An option that films lack may have its default value. `--digits` is for a film in an SVG only.
+
     - `frames`: the pictures of the film. An empty list raises `ValueError`.
+    - `film`: the values of the options for films.
     - `options`: the values of all parameters of `fit_picture`, by name.
     """
     check_animation(film.animation)
@@ -274,9 +281,11 @@ def _fit_film(
     - `settings`: arguments of `fit`, of which only `_FILM_SETTINGS` are used.
     - `steps`: optimizer steps of the first frame; None for the default.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
+    - `console`: where a line is printed at once after Ctrl-C.
     - `bar`: shows the progress.
 
-    Raises `KeyboardInterrupt` at the end if Ctrl-C was pressed during the fit.
+    After Ctrl-C the animation has only the frames that are done; when it has been written,
+    `KeyboardInterrupt` is raised.
     """
     bar.show("loading JAX")
     from ..numerics.compilation_cache import keep_compiled_programs
@@ -297,7 +306,8 @@ def _fit_film(
 def _parse_softness(text: str) -> float | list[float]:
     """Parse `--softness`: one width of soft edges in pixels, or `FIRST:LAST`, which becomes a list.
 
-    Raises `ValueError` for a text that is not numbers.
+    Raises `ValueError` for a text that is not numbers. How many numbers there are, and their range,
+    are not checked here.
     """
     try:
         widths = [float(part) for part in text.split(":")]

@@ -11,8 +11,9 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 class FitBar:
     """The progress bar of `softras2d fit`, with a text that says what the command is doing.
 
-    - `followers`: objects whose method `add` is called with each progress report of the fit.
-    - `shares`: share of the fit that was done at each progress report, in 0..1.
+    - `followers`: objects whose method `add` is called with each progress report of the fit; none
+      at first.
+    - `shares`: share of the fit that was done at each progress report so far, in 0..1.
     """
 
     def __init__(self, progress: Progress, task: TaskID):
@@ -29,7 +30,11 @@ class FitBar:
         self._progress.update(self._task, completed=share, status=status)
 
     def report(self, report: Any) -> None:
-        """Show a `ProgressReport` of the fit, and pass it on to all `followers`."""
+        """Show a `ProgressReport` of the fit, append to `shares`, and pass it on to all `followers`.
+
+        The PSNR that is shown is that of the result if the fit ended now. Until it is known, it is
+        the PSNR of the last step, at the size of the fit.
+        """
         self.shares.append(report.share)
         record = report.record
         # The image of a step has another size and softer edges than the result.

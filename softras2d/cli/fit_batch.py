@@ -152,11 +152,15 @@ def fit_folder(
 def _join(
     coordinator: str | None, processes: int | None, process: int | None, console: Console
 ) -> tuple[int, int]:
-    """Join the processes that share the pictures; return the index of this one, and their number.
+    """Wait for the processes that share the pictures; return this one's index, and their number.
 
-    The arguments are the values of `--coordinator`, `--processes` and `--process`, and the console
-    for messages. Without a coordinator there is one process. Raises `ValueError` if one of the
-    options is missing or invalid.
+    - `coordinator`: `HOST:PORT` of the first process, or `auto` to take all three options from the
+      cluster. Without a coordinator (None) there is one process, and the result is (0, 1).
+    - `processes`, `process`: the number of processes, and the index of this one, from 0.
+    - `console`: where it is printed that the command waits.
+
+    When all processes have started, they leave each other again (`_leave`). Raises `ValueError` if
+    one of the options is missing or invalid, and for `auto` if no cluster is found.
     """
     if coordinator is None:
         if processes is not None or process is not None:
@@ -202,7 +206,8 @@ def _leave() -> tuple[int, int]:
 def _ended_by_ctrl_c() -> Iterator[None]:
     """In a `with` block, let Ctrl-C end the process at once.
 
-    JAX waits for other processes in C++, where Python's handler of Ctrl-C does not run.
+    JAX waits for other processes in C++, where Python's handler of Ctrl-C does not run. In another
+    thread than the main one, this function does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -229,10 +234,13 @@ def _mean_psnr(done: list[Any]) -> float:
 
 @contextmanager
 def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any]:
-    """Show a progress bar during a `with` block.
+    """Show a progress bar during a `with` block, if the console is a terminal.
 
-    Yields the function to call after the scores of a picture were appended to `done`. `total` is
-    the number of pictures of this process, including those that an earlier command has fitted.
+    - `total`: number of pictures of this process, including those that an earlier command fitted.
+    - `done`: the scores (`folder.Fitted`) of the pictures that are finished. At first it has those
+      that an earlier command fitted; the caller appends the others.
+
+    Yields the function to call, without arguments, whenever scores were appended to `done`.
     """
     columns = (
         TextColumn("fitting"),

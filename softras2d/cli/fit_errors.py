@@ -35,7 +35,9 @@ def in_options(message: str, values: Mapping[str, object]) -> str:
       follows the option.
     - A value inside the backticks follows the option, too, unless it is True: `` `loss='ssim'` ``
       becomes `--loss ssim`.
-    - `` `target` ``, which has no option, is replaced by its value alone.
+    - `` `target` ``, which has no option, is replaced by its value alone; `` another `target` ``
+      becomes `another picture than` and the value.
+    - Other names in backticks, and `` `target` `` without a value, are left unchanged.
 
     `values`: the values that the user gave for some arguments, by name.
     """

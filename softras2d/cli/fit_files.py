@@ -90,7 +90,10 @@ def _write(
 
 
 def size_note(path: Path, result: FitResult) -> str:
-    """Text about the size of the compact file `path`, which is appended to the summary."""
+    """Text about the size of the compact file `path`, which is appended to the summary.
+
+    It gives the bytes of the file, and the bits per pixel of the picture that was fitted.
+    """
     size = path.stat().st_size
     bits = 8 * size / (result.height * result.width)
     return f"; {path} has {size} bytes, {bits:.3f} bits per pixel"
@@ -100,7 +103,8 @@ def browser_note(result: FitResult) -> str:
     """Text about how browsers show the SVG of a fit, which is appended to the summary.
 
     The PSNR in the text is estimated without a browser: the scene is drawn in the colours that the
-    gradients of the SVG can express, and compared with the image of the fit.
+    gradients of the SVG can express, and compared with the image of the fit. If the gradients
+    express all colours exactly, the text says so instead.
     """
     note = "; a browser shows the SVG "
     shown = in_browsers(result.scene)
@@ -121,12 +125,18 @@ class AnimationFrames:
         self._scenes: list[tuple[float, Scene]] = []
 
     def add(self, report: ProgressReport) -> None:
-        """Store the scene of a progress report, if it is time for another frame."""
+        """Store the scene of a progress report, if it is time for another frame.
+
+        It is for the first report, and whenever another 1/`_MAX_FRAMES` of the fit has been done.
+        """
         if not self._scenes or report.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((report.share, report.scene()))
 
     def write(self, path: Path, last: Scene) -> None:
-        """Draw the stored scenes, followed by the scene `last`, and write them as a GIF."""
+        """Draw the stored scenes, followed by the scene `last`, and write them as a GIF.
+
+        The frames have the size of `small_images`. Each is shown for 0.1 s, and the last for 1.1 s.
+        """
         scenes = [scene for _, scene in self._scenes]
         images = small_images(scenes, self._height, self._width) if scenes else []
         # The last scene has another number of triangles.
@@ -137,7 +147,8 @@ def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
     """Draw scenes as RGB images of at most `_MAX_SIDE` (320) pixels on the longer side.
 
     They are the frames of an animation. The scenes have arrays of equal shapes, and positions in
-    pixels of a canvas of `height` x `width` pixels.
+    pixels of a canvas of `height` x `width` pixels. A canvas that is smaller is not enlarged. Each
+    pixel has 4 samples. Alpha is dropped, without compositing over a colour.
     """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))

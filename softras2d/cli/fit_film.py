@@ -37,7 +37,7 @@ def fit_film(
     - `frames`: the files of the frames, in order.
     - `options`: values of the options for films.
     - `settings`: arguments of `fit_frames` other than steps and those in `options`.
-    - `steps`: solver steps of the first frame; None for the default.
+    - `steps`: solver steps of the first frame; None for `_FIRST_STEPS`.
     - `bar`: shows how many frames are done.
 
     After Ctrl-C, both lists have only the frames that are done. Raises `ValueError` for frames of
@@ -79,7 +79,11 @@ def read_frames(paths: Sequence[Path]) -> list[Image]:
 
 
 def write_film(options: FilmOptions, results: Sequence[FitResult]) -> None:
-    """Write the results of the frames as an animation: a GIF if the suffix is `.gif`, else SVG."""
+    """Write the results of the frames as an animation: a GIF if the suffix is `.gif`, else SVG.
+
+    The file is `options.animation`. The frames of a GIF have the size of `small_images`. In an SVG,
+    coordinates have one decimal unless `options.digits` gives another number.
+    """
     scenes = [result.scene for result in results]
     height, width = results[0].height, results[0].width
     if options.animation.suffix.lower() == ".gif":

@@ -261,7 +261,7 @@ class FilmOptions(NamedTuple):
     - `frame_steps`: optimizer steps of each frame after the first.
     - `temporal`: weight of changes where the film stands still, relative to errors.
     - `fps`: frames per second of the animation.
-    - `digits`: decimals of coordinates in an SVG; None for the default.
+    - `digits`: decimals of coordinates in an SVG; None for the default, which is 1.
     """
 
     animation: Path
@@ -275,8 +275,16 @@ class PictureOptions(NamedTuple):
     """The values of the options for fitting one picture that are not settings of the optimisation.
 
     - `target`: the picture to fit; None for the bundled one, `-` for standard input.
-    - `outputs`: the files to write, from `--output`.
-    - The other fields have the names of their options.
+    - `outputs`: the files to write, from `--output`; `-` is an SVG on standard output.
+    - `digits`: decimals of coordinates in an SVG; None for exact numbers.
+    - `compare_in`: command or path of the browser in which the SVG is compared with the fit; None
+      for no comparison.
+    - `weights`: file of the image that weights the error of each pixel, or None.
+    - `focus`: rectangles, in pixels of the picture, in which errors count more; perhaps none.
+    - `start`: name of a kind of start, such as `error`, or a file.
+    - `resume`: file of the saved fit to continue; None for a new fit.
+    - `watch`: whether a page shows the fit while it runs.
+    - `browser`: whether that page is opened in the browser.
     """
 
     target: Path | None

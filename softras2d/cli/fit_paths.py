@@ -23,7 +23,10 @@ SUFFIXES = (".svg", *WRITABLE, ".gif", ".npz", COMPACT, ".json")
 
 
 def find_suffix(paths: Sequence[Path], suffix: str) -> Path | None:
-    """The first path with this suffix, whether in upper or lower case; None if there is none."""
+    """The first path with this suffix, whether in upper or lower case; None if there is none.
+
+    `suffix` is in lower case, with its dot.
+    """
     return next((path for path in paths if path.suffix.lower() == suffix), None)
 
 
@@ -41,7 +44,8 @@ def check_input(path: Path | None) -> None:
 def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
     """Raise `ValueError` if one of the output files `paths` cannot be written, or is given twice.
 
-    `inputs`: files that must not be overwritten; each has its role as a text for the message.
+    A file cannot be written if its suffix is not in `SUFFIXES`, or if its folder is missing or may
+    not be written to. `-` is standard output. `inputs`: files that must not be overwritten; each has its role as a text for the message.
     """
     for path in paths:
         if path == STANDARD_STREAM:
@@ -61,7 +65,8 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
 def check_digits(digits: int | None, paths: Sequence[Path]) -> None:
     """Raise `ValueError` if `--digits` is given, but none of the output files is an SVG.
 
-    `digits` is the value of the option; `paths` are the output files.
+    `digits` is the value of the option, or None; `paths` are the output files, of which `-` is an
+    SVG.
     """
     if digits is not None:
         _check_svg("--digits", paths)
@@ -71,7 +76,7 @@ def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
     """Raise `ValueError` if `--compare-in` is given without an SVG to write or a browser to use.
 
     - `name`: the value of the option, a command or a path; None if it is not given.
-    - `paths`: the output files.
+    - `paths`: the output files, of which `-` is an SVG.
     """
     if name is None:
         return
@@ -85,7 +90,7 @@ def check_compare_in(name: str | None, paths: Sequence[Path]) -> None:
 
 
 def _check_svg(option: str, paths: Sequence[Path]) -> None:
-    """Raise `ValueError` unless one of the output files is an SVG.
+    """Raise `ValueError` unless one of the output files is an SVG, or `-`, which stands for one.
 
     `option`: the option that needs an SVG, for the message.
     """
@@ -98,7 +103,7 @@ def check_start(text: str, family: str) -> None:
     """Raise `ValueError` unless `text`, the value of `--start`, is a known name or kind of file.
 
     Fits of either family can start from an `.npz` file, and fits of layers also from an `.svg`
-    file.
+    file. Whether the file exists is not checked.
     """
     starts = get_args(names.FitStart)
     suffix = Path(text).suffix.lower()

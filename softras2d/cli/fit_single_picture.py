@@ -138,14 +138,20 @@ def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Co
 
 
 def _read_picture(target: Path | None) -> Any:
-    """Read the picture to fit: a file, standard input (`-`), or the bundled picture (None)."""
+    """Read the picture to fit: a file, standard input (`-`), or the bundled picture (None).
+
+    Returns floats `[height, width, 3 or 4]` in 0..1, in sRGB with straight alpha.
+    """
     if target == STANDARD_STREAM:
         return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
     return read_image(pictures.path(BUNDLED) if target is None else target)
 
 
 def _has_corner_colors(family: str, shading: str | None) -> bool:
-    """Whether the triangles of the fit will have one colour per corner."""
+    """Whether the triangles of the fit will have one colour per corner, instead of a single one.
+
+    Without `shading` (None), a mesh has corner colours, and layers have not.
+    """
     return shading != "flat" if family == "mesh" else shading not in (None, "flat")
 
 

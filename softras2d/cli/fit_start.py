@@ -48,9 +48,9 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
 
 
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
-    """Convert the scene of a saved fit to a mesh in pixels of the new fit, given by `frame`.
+    """Convert the scene of a saved fit to a mesh in pixels of the new fit, without its colours.
 
-    Vertices that lie beside the right or bottom border by a rounding error are moved exactly onto
+    `frame`: size of the new fit, in pixels, to which the positions are stretched. Vertices that lie beside the right or bottom border by a rounding error are moved exactly onto
     it.
     """
     canvas = np.array([earlier.width, earlier.height], np.float64)

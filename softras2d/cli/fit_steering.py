@@ -88,7 +88,7 @@ def parse_freeze(text: str | None) -> list[str] | None:
     """Parse `--freeze`: names, separated by commas, such as `positions,colors`. Returns a list.
 
     None, which means that the option was not given, stays None. Raises `ValueError` for a name that
-    is not known, and for one that needs a mask.
+    is not known, and for `vertices` and `triangles`, which need a mask.
     """
     if text is None:
         return None

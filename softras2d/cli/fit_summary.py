@@ -24,7 +24,8 @@ def summary(
 ) -> str:
     """Make the line about a fit: its files, the number of triangles, the scores and the time.
 
-    - `outputs`: the files that were written. Notes about an SVG and a compact file are appended.
+    - `outputs`: the files that were written. If there is an SVG or a compact file among them, the
+      text of `browser_note` or `size_note` is appended.
     - `elapsed`: seconds since the command began.
     - `shares`, `seconds`: as in `shortfall`, whose reason is included if triangles are missing.
     """
@@ -46,7 +47,8 @@ def shortfall(
 ) -> str | None:
     """Say why a fit has fewer triangles than asked for, and what helps; None if it has all.
 
-    - `shares`: share of the fit that was done after each chunk of steps, in 0..1.
+    - `shares`: share of the fit that was done at each progress report, in 0..1. There is a report
+      after each chunk, which is a number of steps between which no triangles are added.
     - `seconds`: the time limit of the fit in seconds; None if it was limited by steps.
     """
     count, settings = len(result.scene.triangles), result.settings

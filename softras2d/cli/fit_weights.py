@@ -16,7 +16,9 @@ FOCUS_WEIGHT = 10.0
 def pixel_weights(
     image: Path | None, focus: Sequence[Rectangle], height: int, width: int
 ) -> PixelMap | None:
-    """Make the weights `[height, width]` of the pixels of a picture; None if all are equal.
+    """Make the weights `[height, width]` of the pixels of a picture.
+
+    They are float32. The result is None if neither an image nor a rectangle is given.
 
     - `image`: file of an image of the same size, whose mean of R, G and B is the weight; or None.
     - `focus`: rectangles in which weights are multiplied by `FOCUS_WEIGHT`, once where they
@@ -48,7 +50,7 @@ def pixel_weights(
 def _slices(rectangle: Rectangle, height: int, width: int) -> tuple[slice, slice]:
     """The rows and columns of a picture of `height` x `width` pixels that a rectangle covers.
 
-    Raises `ValueError` if the rectangle lies outside the picture.
+    The part of the rectangle outside the picture is left out. Raises `ValueError` if the rectangle lies outside the picture.
     """
     x, y, focus_width, focus_height = rectangle
     rows = slice(max(y, 0), min(y + focus_height, height))

@@ -52,7 +52,8 @@ def scene_groups() -> list[SceneGroup]:
 def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
     """Render every bundled scene with every number of samples per pixel in `rates`.
 
-    Yields `(name, samples, image)` for each image, in the order in which they are finished.
+    Yields `(name, samples, image)` for each image, in the order in which they are finished. An
+    image has `[height, width, channels]` floats, with 300 x 300 pixels.
     """
     groups = scene_groups()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -76,7 +77,8 @@ def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.nd
 def _padded_scenes(group: list[Scene]) -> list[Scene]:
     """Pad each scene to the largest numbers of triangles, vertices and texels of the group.
 
-    The scenes have equal structure. The padding changes no image.
+    The scenes have equal structure. The padding changes no image. The number of vertices is one
+    more, because padding triangles have all corners in a vertex outside the canvas.
     """
     triangles = max(scene.triangles.shape[0] for scene in group)
     # The padding triangles have all three corners in one additional vertex.

@@ -78,7 +78,10 @@ def describe_scene(
 
 
 def _size_in_file(source: Any) -> str:
-    """Text of the size that the `SceneSource` `source` declares; `none` if it declares none."""
+    """Text of the size that the `SceneSource` `source` declares, such as `800 x 600 pixels`.
+
+    It is `none` if the source declares no size.
+    """
     try:
         height, width = source.size()
     except ValueError:
@@ -89,7 +92,9 @@ def _size_in_file(source: Any) -> str:
 def _cost_table(scene: Any, plan: Any, status_console: Console) -> Table:
     """Measure the cost of rendering the scene, and of rendering it without each of its effects.
 
-    Returns a table with a row for each. `status_console` shows what is being measured.
+    Returns a table with a row for the scene and for each effect left out. Its columns are time,
+    memory, floating-point operations and bytes moved. `status_console` shows what is being
+    measured.
     """
     from ..rendering.cost import Price, price_effects
 

@@ -205,7 +205,8 @@ def _render_each(
 def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
     """Choose the path of the image file of every scene; `-` is standard output.
 
-    - `output`: the value of `--output`, a file or a folder. A folder is created.
+    - `output`: the value of `--output`. It is a file if there is one scene, and `output` has a
+      suffix and is no existing folder. Otherwise it is a folder, which is created.
     - `kind`: suffix of the files in a folder, without its dot.
 
     Raises `ValueError` if several scenes would be written to one file.
@@ -235,7 +236,12 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
 
 def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -> str:
-    """Render one scene file to one image file; return a line about the image."""
+    """Render one scene file to one image file; return a line about the image.
+
+    - `path`: an SVG file, `-` for standard input, or the name of a bundled scene.
+    - `target`: the image file; `-` is a PNG on standard output.
+    - `truncate`: whether values are truncated to 8 bits, instead of rounded.
+    """
     from .render_steps import make_plan, read_scene, render_image, window_size
 
     started = time.perf_counter()
@@ -258,7 +264,11 @@ def _render_tiled(
     tiling: Tiling,
     console: Console,
 ) -> str:
-    """Render one scene file to one image file, tile by tile; return a line about the image."""
+    """Render one scene file to one image file, tile by tile; return a line about the image.
+
+    `path`, `settings` and `truncate` are as in `_render`. `console` shows a progress bar. Raises
+    `OutputError` for errors about the file `target`.
+    """
     import jax
 
     from ..io.image_stream import check_stream
@@ -284,7 +294,7 @@ def _render_tiled(
 
 @contextmanager
 def _tile_bar(console: Console) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar for the tiles of an image during a `with` block.
+    """Show a progress bar for the tiles of an image during a `with` block, on a terminal only.
 
     Yields the function to call after each tile, with the number of tiles done and of all tiles.
     """

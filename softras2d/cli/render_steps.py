@@ -27,7 +27,7 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
 
     `path` is a file, `-` for standard input, or the name of a bundled scene. If the options give a
     canvas with another aspect ratio than the drawing, and `options.fit` does not say how to fill
-    the canvas, a warning says that margins remain.
+    the canvas, a warning says that margins remain; not so in dialect `course`.
     """
     source = SceneSource(path, options.dialect)
     is_whole_size = options.size is not None and options.size.height is not None
@@ -57,7 +57,10 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
 
 
 def _warn_of_margins(source: SceneSource, height: int, width: int) -> None:
-    """Warn if the drawing would leave margins on a canvas of `height` x `width` pixels."""
+    """Warn if the drawing would leave margins on a canvas of `height` x `width` pixels.
+
+    Errors of reading the drawing are ignored here.
+    """
     try:
         size = source.size_with_margins(height, width)
     except ValueError:
@@ -118,7 +121,10 @@ def make_tiled_plan(
 
 
 def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
-    """The keyword arguments that `plan` and `plan_tiles` share, from the options of a command."""
+    """Convert the options of a command to keyword arguments that `plan` and `plan_tiles` share.
+
+    They are `coverage`, `filter` and `origin`.
+    """
     coverage: Coverage = {
         "sampled": lambda: Hard(options.samples, options.fill_rule, options.shading),
         "soft": lambda: Soft(options.soft_width),
@@ -149,7 +155,11 @@ def render_image(scene: Scene, plan: Plan) -> np.ndarray:
 
 
 def scene_properties(scene: Scene) -> list[tuple[str, str]]:
-    """Pairs of name and value that describe a scene, for a table."""
+    """Pairs of name and value, both texts, that describe a scene in a table.
+
+    They are about triangles, colours and background and, if the scene has them, about textures,
+    depth and perspective.
+    """
     triangles, corners, channels = scene.colors.shape
     colors = "flat" if corners == 1 else "one per corner"
     alpha = "opaque" if channels == 3 else "with alpha"

@@ -30,7 +30,10 @@ class SceneSource:
 
     @cached_property
     def _standard_input(self) -> bytes | None:
-        """The bytes of standard input, which can be read only once; None for other sources."""
+        """The bytes of standard input, which can be read only once; None for other sources.
+
+        At most `MAX_BYTES` + 1 bytes are read, because longer documents are refused.
+        """
         if str(self.path) != "-":
             return None
         return sys.stdin.buffer.read(MAX_BYTES + 1)
@@ -55,7 +58,8 @@ class SceneSource:
         """The (height, width) of the drawing if margins would remain on a canvas, otherwise None.
 
         The canvas has `height` x `width` pixels. The result is in the drawing's own units, such as
-        those of its `viewBox`.
+        those of its `viewBox`. Raises `ValueError` for a file that cannot be read or declares
+        neither a `viewBox` nor a size.
         """
         if scenes.is_bundled(self.path):
             side = scenes.SIZE

@@ -24,6 +24,7 @@ def session(
     exit code 130. If SOFTRAS2D_DEBUG is set, errors keep their traceback.
 
     - `long_running`: whether the command spends more time running its programs than compiling them.
+      If not, XLA is set to compile faster, by the environment variable XLA_FLAGS.
     - `error_code`: exit code after an expected error.
     - `loads_jax`: whether to set up the compilation cache, which loads JAX. False for a command
       that first checks its arguments, and then calls `keep_compiled_programs` itself.
@@ -54,12 +55,15 @@ def session(
 
 
 def debugging() -> bool:
-    """Whether errors keep their traceback, by the environment variable SOFTRAS2D_DEBUG."""
+    """Whether errors keep their traceback: whether SOFTRAS2D_DEBUG is set, to anything but 0."""
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
 
 def is_expected(error: Exception) -> bool:
-    """Whether an error is about the input or the machine, rather than a bug of the package."""
+    """Whether an error is about the input or the machine, rather than a bug of the package.
+
+    True for `ValueError`, `OSError` and `MemoryError`, and for JAX's error about lack of memory.
+    """
     if type(error).__name__ == "JaxRuntimeError":
         return "RESOURCE_EXHAUSTED" in str(error)
     return isinstance(error, ValueError | OSError | MemoryError)

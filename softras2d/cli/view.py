@@ -123,7 +123,7 @@ def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
     """Open the bundled scene `name` as a subject, which the viewer can show.
 
     A scene with an SVG file is read as `read_options` say, but in the dialect in which it is
-    written.
+    written. `read_options` have no effect on a scene that a Python function makes.
     """
     from ..viewing.scene_file import SceneFile
     from ..viewing.scene_in_memory import SceneInMemory
