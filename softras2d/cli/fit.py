@@ -189,8 +189,8 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
 def _default_output(target: Path | None) -> Path:
     """Path of the output if the user gives no `--output`: an SVG beside the picture `target`.
 
-    For `photo.jpg` it is `photo.fit.svg`. If the picture comes from standard input (`-`), it is standard output. For the bundled picture
-    (None), it is `valley.fit.svg` in the current folder.
+    For `photo.jpg` it is `photo.fit.svg`. If the picture comes from standard input (`-`), it is
+    standard output. For the bundled picture (None), it is `valley.fit.svg` in the current folder.
     """
     if target == STANDARD_STREAM:
         return STANDARD_STREAM

@@ -45,7 +45,9 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
     """Raise `ValueError` if one of the output files `paths` cannot be written, or is given twice.
 
     A file cannot be written if its suffix is not in `SUFFIXES`, or if its folder is missing or may
-    not be written to. `-` is standard output. `inputs`: files that must not be overwritten; each has its role as a text for the message.
+    not be written to. `-` is standard output.
+
+    `inputs`: files that must not be overwritten; each has its role as a text for the message.
     """
     for path in paths:
         if path == STANDARD_STREAM:

@@ -50,8 +50,8 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
 def _mesh(earlier: FitResult, frame: Frame) -> Mesh:
     """Convert the scene of a saved fit to a mesh in pixels of the new fit, without its colours.
 
-    `frame`: size of the new fit, in pixels, to which the positions are stretched. Vertices that lie beside the right or bottom border by a rounding error are moved exactly onto
-    it.
+    `frame`: size of the new fit, in pixels, to which the positions are stretched. Vertices that lie
+    beside the right or bottom border by a rounding error are moved exactly onto it.
     """
     canvas = np.array([earlier.width, earlier.height], np.float64)
     relative = np.asarray(earlier.scene.positions, np.float64) / canvas

@@ -50,7 +50,8 @@ def pixel_weights(
 def _slices(rectangle: Rectangle, height: int, width: int) -> tuple[slice, slice]:
     """The rows and columns of a picture of `height` x `width` pixels that a rectangle covers.
 
-    The part of the rectangle outside the picture is left out. Raises `ValueError` if the rectangle lies outside the picture.
+    A part of the rectangle outside the picture is left out. Raises `ValueError` if all of it lies
+    outside.
     """
     x, y, focus_width, focus_height = rectangle
     rows = slice(max(y, 0), min(y + focus_height, height))
