@@ -30,8 +30,9 @@ class FitBar:
         self._progress.update(self._task, completed=share, status=status)
 
     def report(self, report: Any) -> None:
-        """Show a `ProgressReport` of the fit, add it to `shares`, and pass it on to all `followers`.
+        """Show a `ProgressReport` of the fit, and pass it on to all `followers`.
 
+        Its share is appended to `shares`, and moves the bar.
         The PSNR that is shown is that of the result if the fit ended now. Until it is known, it is
         the PSNR of the last step, at the size of the fit.
         """

@@ -68,7 +68,8 @@ def screenshot_file(
     The picture may be larger; the rest is white.
 
     - `browser`: path of Chromium, or of a browser with the same command-line options.
-    - `seconds`: time limit, after which the browser is killed.
+    - `seconds`: time limit, after which the browser is killed. It is started once more if it has
+      ended without a picture, with the same limit.
 
     After the call, no process of the browser is left, and no file with one exception: if the path
     of the folder for temporary files is longer than `_LONGEST_FOLDER`, a browser that is killed
@@ -153,7 +154,10 @@ def _environment(folder: Path) -> dict[str, str]:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a process and all others of its process group, and wait until it has ended."""
+    """Kill a process and all others of its process group, and wait until it has ended.
+
+    Windows has no process groups: there, the process alone is killed.
+    """
     if sys.platform == "win32":
         process.kill()
     else:

@@ -138,7 +138,7 @@ def compare(actual: Any, expected: Any, *, tolerance: int | float = ONE_LEVEL) -
 
 
 def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[WorstPixel, ...]:
-    """Find the pixels with the largest differences above 0, largest first.
+    """Find the pixels with the largest differences above 0, largest first, at most `_WORST` (5).
 
     Pixels of equal difference are in row order.
     """
@@ -152,5 +152,5 @@ def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[Wors
 
 
 def _in_levels(difference: float) -> str:
-    """Text of a difference, both in 0..1 and in levels of an 8-bit image."""
+    """Text of a difference in 0..1, followed by the same in levels of an 8-bit image, 0..255."""
     return f"{difference:.4g} ({255 * difference:.3g} of 255 levels)"

@@ -32,7 +32,7 @@ def difference_picture(
     told apart. The dark grey is a copy of the expected image, for orientation.
 
     - `difference`: the largest difference among the channels of each pixel.
-    - `expected`: the expected image, with three or four channels.
+    - `expected`: the expected image in 0..1, with three or four channels. Alpha is ignored.
     - `tolerance`: largest difference at which pixels count as equal.
     """
     grey = _GREY_LEVEL * np.clip(expected[..., :3] @ _LUMA, 0, 1)

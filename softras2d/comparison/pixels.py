@@ -16,6 +16,9 @@ def comparable_pixels(
 ]:
     """Convert two images to the same three or four channels, premultiplied.
 
+    Both are float images `[height, width, 1, 3 or 4]`, with straight alpha if they have four
+    channels.
+
     - Grey becomes RGB.
     - If one of the images is transparent somewhere, both get four channels, with alpha 1 if an
       image has no alpha. Otherwise alpha is dropped: a channel that is equal everywhere would only
@@ -48,7 +51,10 @@ def pixel_difference(
 def on_white(
     pixels: Float[np.ndarray, "height width channels"],
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Composite a premultiplied image over white; returns RGB as float32 in 0..1."""
+    """Composite a premultiplied image over white; returns RGB as float32, clipped to 0..1.
+
+    An image of three channels is opaque.
+    """
     if pixels.shape[-1] == 4:
         pixels = pixels[..., :3] + (1 - pixels[..., 3:])
     return np.ascontiguousarray(np.clip(pixels, 0, 1), np.float32)

@@ -64,7 +64,7 @@ def _blur(
 ) -> Float[HostOrDeviceArray, "rows columns channels"]:
     """Gaussian-weighted mean over each window of SSIM that lies inside the image.
 
-    Both axes become shorter by twice the radius of the window.
+    Each axis becomes shorter by twice the radius of the window along it, as in `_blur_along`.
     """
     return _blur_along(_blur_along(x, 0), 1)
 
@@ -72,7 +72,10 @@ def _blur(
 def _blur_along(
     x: Float[HostOrDeviceArray, "height width channels"], axis: int
 ) -> Float[HostOrDeviceArray, "rows columns channels"]:
-    """Gaussian-weighted mean along axis 0 or 1, which becomes shorter by twice the radius."""
+    """Gaussian-weighted mean along axis 0 or 1, which becomes shorter by twice the radius.
+
+    The radius is 5 pixels. Along an axis of fewer than 11 pixels it is the largest that fits.
+    """
     radius = min(_RADIUS, (x.shape[axis] - 1) // 2)
     taps = [math.exp(-0.5 * (k / _SIGMA) ** 2) for k in range(-radius, radius + 1)]
     length = x.shape[axis] - 2 * radius

@@ -12,8 +12,8 @@ the other way."""
 _ROUNDING = 1e-4
 """Relative amount by which a difference may exceed a tolerance, because of rounding.
 
-In float32, adjacent levels of an 8-bit image differ from 1/255 by up to 2e-5 of it. A tolerance of
-0 stays exact."""
+The difference of two adjacent levels of an 8-bit image, k/255 in float32, deviates from 1/255 by up
+to 2e-5 of it. A tolerance of 0 stays exact."""
 
 
 def exceeds(

@@ -27,7 +27,9 @@ def pyramid_text(textures: Any) -> str:
 
 
 def _size_text(levels: np.ndarray | None) -> str:
-    """Text of the width and height of the largest texture; empty if they are not known.
+    """Text of the width and height of the texture with most texels, such as `64 x 32 texels`.
+
+    With several textures, it begins with `largest`. It is empty if the sizes are not known.
 
     `levels`: the table of mip levels, `[textures, levels, 3]`, whose rows are offset, height and
     width.

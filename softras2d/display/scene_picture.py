@@ -72,8 +72,11 @@ def _fit(
 ) -> tuple[Float[np.ndarray, "vertices 2"], int, int] | None:
     """Scale and move positions so that the triangles fill a picture.
 
+    x and y are scaled by the same factor. The longer side of the picture is `SIDE` pixels, and its
+    shorter side a multiple of `_STEP`; the triangles are in its middle.
+
     Returns the new positions in pixels, and the height and width of the picture. Returns None if
-    the extent of the triangles is not finite, or zero.
+    there are no triangles, or if their extent is not finite, or zero up to rounding.
     """
     points = used_points(positions, triangles)
     if points is None or not len(points) or not np.isfinite(points).all():

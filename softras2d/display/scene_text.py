@@ -21,7 +21,8 @@ def scene_text(scene: Any) -> str:
 
     The first line gives the numbers of triangles, vertices and textures, the dtype, and the extent,
     which is the range of the vertices that triangles use. The second line gives the effects that
-    the scene needs, by the names of `planning.effects`. Under a trace, no value is looked at.
+    the scene needs, by the names of `planning.effects`, and the fields that are not arrays but
+    should be. Under a trace, no value is looked at.
     """
     # A scene whose constructor failed has some fields only.
     arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
@@ -55,7 +56,7 @@ def _joined(phrases: list[str | None]) -> str:
 
 
 def _heading(arrays: dict[str, Any]) -> str:
-    """First words of the description: `Scene`, or the number of scenes in a batch.
+    """First words of the description: `Scene`, or for a batch such as `Batch of 3 scenes, each`.
 
     `arrays`: the leaves of the scene, by the names of their fields.
     """
@@ -135,8 +136,9 @@ def used_points(
 ) -> Float[np.ndarray, "points 2"] | None:
     """The positions of all vertices that triangles use, in a scene or in a batch of scenes.
 
-    None if the arrays are not those of a scene. Other vertices are left out because they would
-    enlarge the extent: padding appends vertices at (0, 0).
+    Each vertex appears once, in float64; the vertices of a batch are in one array. Indices out of
+    range are ignored. None if the dtypes or shapes are not those of a scene. Other vertices are
+    left out because they would enlarge the extent: padding appends vertices at (0, 0).
     """
     has_types = triangles.dtype.kind in "iu" and jnp.issubdtype(positions.dtype, jnp.floating)
     has_axes = min(triangles.ndim, positions.ndim) >= 2 and positions.shape[-1] == 2

@@ -177,6 +177,8 @@ def _draw_inset(
 ) -> None:
     """Draw a region of an image, enlarged, in the corner of the axes farthest from the region.
 
+    Coloured lines frame the inset and the region, and connect them.
+
     - `pixels`: the image, `[height, width, channels]`.
     - `region`: (top, left, height, width) in pixels.
     - `zoom`: the magnification, which is reduced if the inset would be larger than `_MAX_INSET`.

@@ -57,8 +57,8 @@ def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
     The panels are: triangle indices, in colours that differ clearly between neighbouring indices;
     barycentric weights of the corners 0, 1 and 2 as red, green and blue; depth, where nearer is
     lighter and the background is transparent; coverage, from black to white; and overdraw, from
-    black to yellow. Returns the figure. Raises `ValueError`, with a message of one line, for arrays
-    whose shapes do not fit.
+    black to yellow. There is no panel of depth or overdraw if `visible` has none. Returns the
+    figure. Raises `ValueError`, with a message of one line, for arrays whose shapes do not fit.
     """
     import_pyplot()
     ids = id_colors(visible.triangle)
@@ -114,7 +114,8 @@ def _depth_panel(
 ) -> _Panel:
     """Make the panel of depth: the mean depth of a pixel as grey, its covered fraction as alpha.
 
-    `is_covered`: whether a triangle covers each sample. The nearest pixels are the lightest.
+    `is_covered`: whether a triangle covers each sample. Other samples, and those whose depth is not
+    finite, do not count. The nearest pixels are the lightest.
     """
     is_known = is_covered & np.isfinite(depth)
     count = is_known.sum(axis=2)
@@ -135,7 +136,8 @@ def _depth_panel(
 def _overdraw_panel(overdraw: Float[np.ndarray, "height width samples"]) -> _Panel:
     """Make the panel of overdraw: the mean number of triangles that cover a sample of each pixel.
 
-    The colour map begins with black, for 0.
+    The colour map begins with black, for 0, and ends with yellow, for the largest mean. A negative
+    value of `overdraw`, which means that it is not known, counts as 0.
     """
     # Overdraw of -1 is not known, as the scene outgrew its plan.
     mean = np.maximum(overdraw, 0).mean(axis=2)
