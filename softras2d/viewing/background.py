@@ -20,7 +20,8 @@ _MAX_PLANS = 16
 class PlanCompiler:
     """Makes plans with headroom and compiles their programs, in a separate thread.
 
-    When Python ends, it waits for the thread, since it must not end while XLA compiles.
+    A plan with headroom is large enough for its view and for the same view at twice the zoom. When
+    Python ends, it waits for the thread, since it must not end while XLA compiles.
     """
 
     def __init__(self):
@@ -32,7 +33,8 @@ class PlanCompiler:
         """Begin to make the plan with headroom of a kind of views, unless it was requested before.
 
         `kind` is the result of `plans.kind_of` for this view. Plans of other kinds that are still
-        waiting are dropped: they are requested again if they are needed.
+        waiting are dropped: they are requested again if they are needed. So is the oldest plan, if
+        there are more than `_MAX_PLANS`. After `close`, nothing is begun.
         """
         if kind in self._plans or self._is_closed:
             return

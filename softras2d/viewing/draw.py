@@ -29,7 +29,7 @@ _COMPILED = "/jax/core/compile/backend_compile_duration"
 class Picture(NamedTuple):
     """The picture of a view.
 
-    - `rgba`: straight RGBA; alpha is 255 everywhere if the background is opaque.
+    - `rgba`: straight RGBA in sRGB; alpha is 255 everywhere if the background is opaque.
     - `plan`: the plan with which the picture was drawn.
     - `seconds`: time to draw the picture, including `compile_seconds`, the time spent compiling.
     """
@@ -63,7 +63,9 @@ class Artist:
     def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
         """Compile a plan with headroom in another thread, if the canvas is large.
 
-        On a large canvas, the first plan is tight, so that zooming would soon outgrow it.
+        A plan with headroom is also large enough for this view at twice the zoom. On a large
+        canvas, of `TIGHT_PLAN_PIXELS` or more, the first plan is tight: without this, zooming would
+        soon outgrow it. The call does not wait for the compilation.
         """
         if view.height * view.width >= TIGHT_PLAN_PIXELS:
             self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
@@ -73,7 +75,8 @@ class Artist:
     ) -> tuple[Float[Array, "height width channels"], Plan]:
         """Draw the image of a view; returns the image, and the plan that was used.
 
-        `grid_bits` is as in `plan`. The image has floats, `[height, width, 3 or 4]`.
+        `grid_bits` is as in `plan`. The image has floats, `[height, width, 3 or 4]`, with straight
+        alpha.
         """
         return self.with_plan(render_checked, scene, view, settings, grid_bits)
 
@@ -88,8 +91,10 @@ class Artist:
         """Call `compute(scene, plan)` with a plan that is large enough.
 
         `compute` returns a value, and whether the scene outgrew the plan. If it did, `compute` is
-        called again with a larger plan, which must then be large enough. Returns the last value,
-        and the plan that gave it. `grid_bits` is as in `plan`.
+        called again with a larger plan. The first larger plan is the one that was requested from
+        the compiler's thread, if there is one and `grid_bits` is None. The last one is made for
+        this view, so it must be large enough. Returns the last value, and the plan that gave it.
+        `grid_bits` is as in `plan`.
         """
         plan = self._plans.choose(scene, view, settings, grid_bits)
         value, overflow = compute(scene, plan)
@@ -135,7 +140,10 @@ def compile_times() -> Iterator[list[float]]:
 
 
 def to_rgba(image: Float[Array, "height width channels"]) -> UInt8[np.ndarray, "height width 4"]:
-    """Convert floats to bytes as `io.pixel_values.to_bytes` does, bit for bit."""
+    """Convert an image of floats, RGB or straight RGBA, to bytes of RGBA; RGB gets an alpha of 255.
+
+    Values are clipped to 0..1 and rounded to k/255 as by `io.pixel_values.to_bytes`, bit for bit.
+    """
     # On a big-endian machine the bytes of a word would be in the opposite order.
     words = np.asarray(_to_words(image)).astype("<u4", copy=False)
     return words.view(np.uint8).reshape(*words.shape, 4)
@@ -143,9 +151,10 @@ def to_rgba(image: Float[Array, "height width channels"]) -> UInt8[np.ndarray, "
 
 @jax.jit
 def _to_words(image: Float[Array, "height width channels"]) -> UInt32[Array, "height width"]:
-    """Convert each pixel to a word of four bytes, with red in the lowest byte.
+    """Convert each pixel to a word of four bytes: from the lowest, red, green, blue and alpha.
 
-    The compiler vectorises operations on words, but not the interleaving of bytes.
+    Alpha is 255 for an image of three channels. The compiler vectorises operations on words, but
+    not the interleaving of bytes.
     """
     levels = [_to_level(image[..., channel]) for channel in range(image.shape[-1])]
     if len(levels) == 3:

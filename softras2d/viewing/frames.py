@@ -19,7 +19,10 @@ _LENGTH = struct.Struct("<I")
 
 
 def frame_of(reply: Reply) -> bytes:
-    """Encode a reply as one binary message. A picture is packed if that saves much."""
+    """Encode a reply as one binary message, whose format the docstring of this module describes.
+
+    A picture is packed if that saves much.
+    """
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     header = header.ljust(-(-len(header) // 4) * 4)
@@ -30,7 +33,8 @@ def with_packed_picture(reply: Reply) -> Reply:
     """Pack the pixels of a reply of kind `"picture"` if that saves much.
 
     The header of the result then also has `blocks`, the number of blocks, and `colors`, the number
-    of blocks of a single colour (see `PackedPixels`). Any other reply is returned unchanged.
+    of blocks of a single colour (see `PackedPixels`). Otherwise, and for a reply of another kind,
+    the reply is returned unchanged.
     """
     if reply.header.get("kind") != "picture":
         return reply

@@ -23,7 +23,10 @@ _KEPT_IMAGES = 2
 
 
 class ImageCache:
-    """Cache of the images that were read last. All image files of a viewer share one cache."""
+    """Cache of the images that were used last, at most `_KEPT_IMAGES` (2).
+
+    All image files of a viewer share one cache.
+    """
 
     def __init__(self):
         self._images: OrderedDict[tuple[str, int], np.ndarray] = OrderedDict()
@@ -31,7 +34,8 @@ class ImageCache:
     def get(self, path: Path, version: int) -> Float[np.ndarray, "height width channels"]:
         """Return the image of a file, which is read unless this version of it is in the cache.
 
-        `version` is a number that changes whenever the file does.
+        `version` is a number that changes whenever the file does. The image has floats in 0..1, in
+        sRGB, and 3 or 4 channels with straight alpha.
         """
         key = (str(path), version)
         if key not in self._images:
@@ -88,7 +92,7 @@ class Image(Subject):
         return self._read()
 
     def pixels(self, view: View) -> UInt8[np.ndarray, "height width 4"]:
-        """The part of the image that a view shows, as straight RGBA; outside it, alpha is 0."""
+        """The part of the image that a view shows, as straight RGBA; all 0 outside the image."""
         image = self.values()
         height, width = enlarged_size(image.shape[0], image.shape[1], view.zoom)
         if view.zoom < 1:
@@ -107,7 +111,9 @@ class Image(Subject):
 def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
     """Make the subject of an image file, which is read when it is shown, and again when it changes.
 
-    `kept_images` is the cache of images, which all files of a viewer share; a new cache by default.
+    The subject has the name of the file. Its version is the time of the last change of the file,
+    in nanoseconds, or 0 while the file is missing. `kept_images` is the cache of images, which all
+    files of a viewer share; a new cache by default.
     """
     kept = ImageCache() if kept_images is None else kept_images
 
@@ -146,7 +152,10 @@ def _source_indices(start: int, count: int, enlarged: int, source: int) -> np.nd
 
 
 def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Shrink an image to `height` x `width` pixels, each the mean over a block of its pixels."""
+    """Shrink an image to `height` x `width` pixels, each the mean over a block of its pixels.
+
+    Alpha is straight, in the image and in the result. Neither side may grow.
+    """
     # Premultiplied, so that transparent pixels do not bleed their colour.
     sums, weight = premultiply(image), np.ones((*image.shape[:2], 1), image.dtype)
     for axis, count in ((0, height), (1, width)):
@@ -158,7 +167,8 @@ def _shrink(image: np.ndarray, height: int, width: int) -> np.ndarray:
 def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channels"]:
     """Draw one row per texture, with its levels side by side, a pixel apart, with straight alpha.
 
-    The pixels between levels are transparent.
+    The picture is RGBA in 0..1. Rows are a pixel apart too. Pixels that no level covers are
+    transparent. Levels of three channels are opaque.
     """
     table, texels = np.asarray(textures.levels), np.asarray(textures.texels, np.float32)
     heights = table[:, 0, 1]

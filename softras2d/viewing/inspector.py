@@ -41,7 +41,7 @@ _REFERENCE_SAMPLES = 256
 class PixelReport(NamedTuple):
     """The values that the inspector shows for a pixel and for the pixels around it.
 
-    - `facts`: values, layers and edges of the inspected pixel, for JSON.
+    - `facts`: values, layers and edges of the inspected pixel, for JSON (see `inspect_pixel`).
     - `samples`: straight RGBA of each sample of the lens, the square of pixels around the inspected
       one, as an image of samples. Under analytic coverage a pixel has one sample.
     """
@@ -58,6 +58,18 @@ def inspect_pixel(
     `column` and `row` are the pixel on the view's canvas. Only a small window, the lens, is drawn,
     on the fixed-point grid of the complete canvas. Its samples equal the samples of the canvas,
     except within two grid units of an edge that is cut at the guard band.
+
+    The facts of the report are:
+
+    - `column`, `row`: the inspected pixel.
+    - `lens`, `rate`: number of pixels along a side of the lens, and of samples along a side of a
+      pixel.
+    - `value`: the colour with which the pixel is drawn, with straight alpha, in 0..1.
+    - `samples`: triangle (-1 for the background) and colour of each sample of the pixel; empty
+      under analytic coverage.
+    - `layers`: the triangles that cover the pixel (`list_layers`).
+    - `most_layers`: the largest number of triangles that can be listed at a sample or pixel.
+    - `edges`: the corners of these triangles (`_edges`).
     """
     center = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
@@ -138,9 +150,10 @@ def _sample_layers(
 ) -> tuple[WindowLayers, int, bool]:
     """Find the layers of each sample of a window, down to the nearest opaque one.
 
-    `bits` is the `grid_bits` of the plan. Returns the layers, the number of samples along a side of
-    a pixel, and whether the layers are complete. They are, unless the 128 nearest layers of some
-    sample are all translucent.
+    A layer is a triangle that covers the sample. `bits` is the `grid_bits` of the plan. Returns the
+    layers, which include the opaque one; the number of samples along a side of a pixel; and whether
+    the layers are complete. They are, unless the 128 nearest layers of some sample are all
+    translucent.
     """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
     count = LAYERS
@@ -186,7 +199,13 @@ def list_layers(
     - `index`: for each triangle of `layers`, its index in the complete scene.
     - `center`: row and column of the inspected pixel in `layers`.
 
-    Weights, colour, depth, uv and level are means over the samples that the triangle covers.
+    Each triangle is a dictionary:
+
+    - `triangle`: its index in the complete scene.
+    - `samples`: the samples of the pixel at which it is listed, numbered row by row.
+    - `coverage`: the fraction of the pixel that it covers.
+    - `weights`, `color`, `depth`, `uv`, `level`: means over these samples of the arrays of
+      `WindowLayers`. The colour has straight alpha. Arrays that are None are left out.
     """
     pixel_arrays: dict[str, np.ndarray] = {
         name: np.asarray(value)[center, center]
@@ -254,7 +273,8 @@ def _edges(
     - `scene`, `index`: the triangles of the window, and their indices in the complete scene.
     - `center`: row and column of the inspected pixel in `layers`.
 
-    Corners are in pixels of the window.
+    Each triangle is a dictionary of `triangle`, its index in the complete scene, and `corners`,
+    three (x, y) in pixels of the window.
     """
     named = np.unique(np.asarray(layers.triangle)[center, center])
     positions = np.asarray(scene.positions, np.float64) - [window.x, window.y]
@@ -267,7 +287,7 @@ def _edges(
 
 
 def _as_rgba(colors: Float[np.ndarray, "*shape channels"]) -> UInt8[np.ndarray, "*shape 4"]:
-    """Convert float colours to bytes of RGBA; alpha is 255 if the colours have none."""
+    """Convert float colours, clipped to 0..1, to bytes of RGBA; alpha is 255 if there is none."""
     levels = to_bytes(np.asarray(colors, np.float32))
     if levels.shape[-1] == 4:
         return levels

@@ -71,7 +71,10 @@ def _subject_of(given: Any, number: int, height: int | None, width: int | None) 
 
     - `given`: the argument.
     - `number`: its index among the subjects, from 0.
-    - `height`, `width`: as in `view`.
+    - `height`, `width`: as in `view`; used for a `Scene` only.
+
+    Raises `ValueError` for a batch of scenes, a file that does not exist, and an argument of
+    another kind.
     """
     if isinstance(given, Scene):
         if np.ndim(given.positions) != 2:

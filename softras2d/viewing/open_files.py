@@ -13,15 +13,19 @@ from .subject import FitState, Subject
 def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
     """Make one subject for each file: an SVG drawing, a saved fit (`.npz`), or an image.
 
-    Drawings and images are read when they are shown, and again whenever they change. `options` say
-    how SVG files are read.
+    Drawings and images are read when they are shown, and again whenever they change. A saved fit is
+    read now, and not again. The suffix decides the kind of a file; any file that is neither `.svg`,
+    `.svgz` nor `.npz` is taken for an image. `options` say how SVG files are read.
     """
     kept_images = ImageCache()
     return [_open(path, options, kept_images) for path in paths]
 
 
 def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory:
-    """Make a subject of the scene and the history of a fit. `source` is as in `SceneInMemory`."""
+    """Make a subject, which the viewer can show, of the scene and the history of a finished fit.
+
+    `name` is what a page calls it. `source` is as in `SceneInMemory`.
+    """
     state = FitState(tuple(result.history))
     return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 

@@ -30,9 +30,10 @@ MOST_ARROWS = 3_000
 
 
 def triangle_edges(scene: Scene, view: View) -> Float32[np.ndarray, "triangles 3 2"]:
-    """Corners of the triangles in view, in pixels of the canvas.
+    """Corners (x, y) of the triangles in view, in pixels of the canvas.
 
-    At most `MOST_EDGES` triangles are returned, the last ones in draw order.
+    A triangle is in view if its bounding box comes within one pixel of the canvas. At most
+    `MOST_EDGES` triangles are returned, the last ones in draw order.
     """
     near, _ = cull(scene, view, margin=1.0)
     corners = np.asarray(near.positions, np.float64)[np.asarray(near.triangles)[-MOST_EDGES:]]
@@ -40,7 +41,11 @@ def triangle_edges(scene: Scene, view: View) -> Float32[np.ndarray, "triangles 3
 
 
 def tile_lengths(scene: Scene, plan: Plan) -> Int[np.ndarray, "rows columns"]:
-    """Number of triangles that each tile of the canvas lists."""
+    """Number of triangles that each tile of the canvas lists, by row and column of tiles.
+
+    A render divides the canvas into tiles (`plan.tiling`), and lists for each tile the triangles to
+    draw in it. Triangles that are hidden in a tile by an opaque one are not counted.
+    """
     origin = np.asarray(plan.origin)
     if not plan.side:
         return sampled_list_lengths(scene, plan.grid, plan.hard, origin)
@@ -64,8 +69,9 @@ def position_gradients(
 ) -> Float32[np.ndarray, "vertices 4"]:
     """Differentiate the mean squared difference to a target by the positions of vertices in view.
 
-    `target` is straight RGBA of the size of the view. The difference at each pixel is weighted by
-    the alpha of the target.
+    `target` is straight RGBA of the size of the view. The mean is over R, G and B of all pixels,
+    weighted by the alpha of the target. The picture's colours are premultiplied before they are
+    compared.
 
     Each row of the result is the position (x, y) of a vertex in pixels of the canvas, and the
     derivative with respect to its x and y. Rows are sorted by the length of the gradient, longest
@@ -92,7 +98,8 @@ def _gradient(
 ) -> tuple[Float[Array, "vertices 2"], Bool[Array, ""]]:
     """The gradient of the mean squared difference to a target, by the positions of a scene.
 
-    `target` is straight RGBA in 0..1. Also returns whether the scene outgrew the plan.
+    `target` is straight RGBA in 0..1. The mean is as in `position_gradients`. Also returns whether
+    the scene outgrew the plan; if it did, the gradient is not valid.
     """
 
     def loss(positions: Float[Array, "vertices 2"]) -> tuple[Array, Array]:

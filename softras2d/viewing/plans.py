@@ -73,7 +73,9 @@ class ViewPlans:
         """Return a plan for this view, which may turn out to be too small.
 
         If there are plans for views of the same kind (`kind_of`), the plan of the nearest octave of
-        zoom is returned; otherwise, a plan is made. `grid_bits` is as in `plan`.
+        zoom is returned, which may be too small. Otherwise a plan is made: a tight one for a large
+        canvas, else one with headroom. The plan is stored for the view's octave, and returned with
+        the origin and the other array leaves of this view. `grid_bits` is as in `plan`.
         """
         kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
         nearest_first = sorted(
@@ -95,7 +97,9 @@ class ViewPlans:
     ) -> Plan:
         """Make a plan with more headroom for this view, and store it for the view's octave of zoom.
 
-        `grid_bits` is as in `plan`.
+        Its lists are 1.25 times as long as needed (`_HEADROOM`). Each further call for the same
+        kind of views and octave doubles this factor, up to `_MAX_HEADROOM`. `grid_bits` is as in
+        `plan`.
         """
         key = kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, _HEADROOM)
@@ -137,8 +141,9 @@ def headroom_plan(
 ) -> Plan:
     """Make a plan for a view and for the same view at twice the zoom, with headroom.
 
-    `headroom` and `grid_bits` are as in `plan`. Under sampled coverage, the plan cuts triangles at
-    the guard band, even if no triangle of the view reaches it.
+    `headroom`, the factor for the length of the lists, and `grid_bits` are as in `plan`. Under
+    sampled coverage, the plan cuts triangles at the guard band, even if no triangle of the view
+    reaches it.
     """
     scenes = [scene, _at_twice_the_zoom(scene, view)]
     plan = _make_plan(scenes, view, settings, grid_bits, headroom)
@@ -186,7 +191,12 @@ def _octave(view: View) -> int:
 
 
 def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None = None) -> Hashable:
-    """A key that is the same for views that one program can draw."""
+    """A key that is the same for views that one program can draw, if its capacities suffice.
+
+    It depends on the structure of the scene and the shapes of its arrays, where the number of
+    triangles is rounded up to a size class; on the size of the canvas and `grid_bits`; and on
+    `Settings.without_arrays`. It does not depend on zoom and offset.
+    """
     textures = scene.textures
     return (
         jax.tree.structure(scene),
@@ -201,7 +211,7 @@ def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None 
 
 
 def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
-    """The scene at twice the size, enlarged about the middle of a view."""
+    """The scene at twice the size, enlarged about the middle of the view's canvas."""
     positions = np.asarray(scene.positions)
     middle = np.array([view.x + view.width / 2, view.y + view.height / 2])
     moved = 2 * positions.astype(np.float64) - middle

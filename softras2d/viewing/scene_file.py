@@ -18,7 +18,13 @@ from .view import View, enlarged_size
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How SVG files are read; the fields are arguments of `read_svg`."""
+    """How SVG files are read; the fields are arguments of `read_svg`.
+
+    - `dialect`: `"svg"`, or `"course"` for the rules of the rasterizer course.
+    - `assets`: folder outside of which no image is read; None for the folder of the file.
+    - `frame`: whether the course's black frame is drawn; None for the default of the dialect.
+    - `opacity`: whether opacity and alpha are applied; if not, everything is opaque.
+    """
 
     dialect: SvgDialect = "svg"
     assets: Path | None = None
@@ -35,7 +41,7 @@ class ReadOptions:
         }
 
     def flags(self) -> list[str]:
-        """The options as flags of the command `softras2d render`, without default values."""
+        """The options as words of a command line of `softras2d render`, without default values."""
         flags = [] if self.dialect == "svg" else ["--dialect", self.dialect]
         flags += [] if self.assets is None else ["--assets", str(self.assets)]
         flags += [] if self.frame is None else ["--frame" if self.frame else "--no-frame"]
@@ -96,7 +102,11 @@ class SceneFile(Subject):
         return from_text(self._text, str(self._path))
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The scene of the drawing, read at its declared size times `zoom`."""
+        """The scene of the drawing, read at its declared size times `zoom`, in whole pixels.
+
+        Raises `ValueError` if the drawing cannot be read, or if the enlarged drawing has too many
+        pixels a side.
+        """
         return self._scenes.get(self, zoom, self._read)
 
     def _read(self, height: int, width: int) -> Scene:
@@ -112,7 +122,10 @@ class SceneFile(Subject):
         return self._notes
 
     def command(self, view: View, settings: Settings) -> str:
-        """The command line of `softras2d render` that draws the same picture."""
+        """The command line of `softras2d render` that draws the same picture, quoted for a shell.
+
+        It writes the picture to NAME-view.png in the current folder, if the file is NAME.svg.
+        """
         height, width = enlarged_size(*self.size(), view.zoom)
         name = "stdin" if str(self._path) == "-" else self._path.stem
         words = ["softras2d", "render", str(self._path), "-o", f"{name}-view.png"]
@@ -123,7 +136,11 @@ class SceneFile(Subject):
 
 
 def settings_flags(settings: Settings) -> list[str]:
-    """The settings as flags of the command `softras2d render`, mostly without default values."""
+    """The settings as words of a command line of `softras2d render`.
+
+    The words always say the number of samples, or the kind of coverage if it is not sampled, with
+    the width of soft edges. Other settings are left out if they have their default values.
+    """
     flags = []
     if settings.coverage == "sampled":
         hard = Hard()
@@ -148,5 +165,5 @@ def settings_flags(settings: Settings) -> list[str]:
 
 
 def _flag(name: str) -> str:
-    """The flag of the command `softras2d render` for a setting."""
+    """The flag of `softras2d render` for a field of `Settings`, such as `--lod-bias`."""
     return f"--{name.replace('_', '-')}"

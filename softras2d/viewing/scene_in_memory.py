@@ -20,8 +20,8 @@ class SceneInMemory(Subject):
 
     - `height`, `width`: size of the canvas at zoom 1, in pixels.
     - `fit`: progress of the fit that made the scene; None if no fit did.
-    - `source`: a line of Python that defines the variable `scene`, for `command`; empty if there is
-      none.
+    - `source`: lines of Python that define the variable `scene`, each with its line break, for
+      `command`; empty if there are none. They may use `sr`, which is `softras2d`.
     """
 
     def __init__(
@@ -90,7 +90,8 @@ def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
 def default_size(scene: Scene) -> tuple[int, int]:
     """Height and width of the smallest canvas from (0, 0) that contains all triangles of a scene.
 
-    A side is at most 4096 pixels, even if the scene reaches further.
+    A side is from 1 to 4096 pixels, even if the scene reaches further. Vertices that are not finite
+    are ignored.
     """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles).reshape(-1)]
     corners = corners[np.isfinite(corners).all(axis=1)]
@@ -105,7 +106,8 @@ def python_code(view: View, settings: Settings, size: tuple[int, int], source: s
     """Write Python code that draws a view of a scene.
 
     - `size`: height and width of the canvas at zoom 1, in pixels.
-    - `source`: a line of code that defines the variable `scene`, or an empty string.
+    - `source`: lines of code that define the variable `scene`, each with its line break; or an
+      empty string, if whoever runs the code has such a variable.
     """
     height, width = enlarged_size(*size, view.zoom)
     x_scale, y_scale = width / size[1], height / size[0]

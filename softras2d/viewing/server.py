@@ -83,7 +83,10 @@ class _Connection:
                     await task
 
     async def _receive(self) -> None:
-        """Pass requests on to the worker, until the page is closed or sends no valid request."""
+        """Pass requests on to the worker, until the page is closed.
+
+        A message that is not a JSON object closes the connection too.
+        """
         while True:
             message = await self._websocket.receive()
             if message["type"] != "websocket.receive":
@@ -107,7 +110,10 @@ class _Connection:
             self._loop.call_soon_threadsafe(self._deliver, reply)
 
     def _deliver(self, reply: Reply) -> None:
-        """Queue a reply for sending. A new picture replaces a waiting picture of the same slot."""
+        """Queue a reply for sending. A new picture replaces a waiting picture of the same slot.
+
+        The slot says for which of the two pictures of a page it is (see `session`).
+        """
         if reply.header["kind"] == "picture":
             # A page that is slow to receive gets the newest picture only.
             self._replies = [waiting for waiting in self._replies if not _replaces(reply, waiting)]

@@ -70,7 +70,8 @@ class Session:
     def set_shown_subject(self, page: Hashable, number: object) -> None:
         """Record which subject a page shows, and tell each subject whether any page shows it.
 
-        `number` is the index of the subject; None for a page that was closed.
+        `page` is a key for the page, and `number` the index of the subject; None for a page that
+        was closed. A number that is no index, as a page may send it, names no subject.
         """
         self._subject_of_page[page] = number
         if number is None:
@@ -102,7 +103,10 @@ class Session:
             yield Reply(request_fields | {"kind": "error", "request": kind, "message": message})
 
     def subject_of(self, request: Mapping[str, Any], name: str = "subject") -> Subject:
-        """The subject whose index is the field `name` of a request; by default the first."""
+        """The subject whose index is the field `name` of a request; without this field, the first.
+
+        Raises `ValueError` for a value that is not the index of a subject.
+        """
         number = read_value(name, int, request.get(name, 0))
         check_range(name, number, 0, len(self.subjects) - 1)
         return self.subjects[number]
@@ -112,7 +116,12 @@ class Session:
         yield Reply({"subjects": [_describe(subject) for subject in self.subjects]})
 
     def picture(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Draw a view; reply with straight RGBA of 8 bits per channel, row by row."""
+        """Draw a view; reply with straight RGBA of 8 bits per channel, row by row.
+
+        The header has the size and the view of the picture, the version of the subject, the times
+        to draw and to compile, the effects and a description of the plan, the notes of the subject,
+        and the command that draws the same picture.
+        """
         subject, view, settings = self._read(request)
         if subject.is_image:
             rgba = subject.pixels(view)
@@ -139,7 +148,7 @@ class Session:
         yield Reply(header, _bytes(rgba))
 
     def png(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Draw a view; reply with a PNG file."""
+        """Draw a view; reply with a PNG file, and the name of the subject in the header."""
         (reply,) = self.picture(request)
         shape = (reply.header["height"], reply.header["width"], 4)
         rgba = np.frombuffer(reply.payload, np.uint8).reshape(shape)
@@ -165,7 +174,13 @@ class Session:
         yield Reply({"triangles": len(corners)}, _bytes(corners))
 
     def tiles(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Reply with the number of triangles that each tile lists, as uint32, row by row."""
+        """Reply with the number of triangles that each tile lists, as uint32, row by row.
+
+        A render divides the canvas into tiles, and lists for each tile the triangles to draw in it.
+        The header has the numbers of rows and columns of tiles, and the size of a tile in pixels;
+        the maximum, mean and sum of the lengths of the lists; and the capacity of the plan for the
+        sum.
+        """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
         _, plan = self._artist.render(scene, view, settings)
@@ -199,6 +214,7 @@ class Session:
         """Measure the time of a render with and without each effect, in milliseconds.
 
         Yields a reply for the complete scene, whose `effect` is None, and then one for each effect.
+        `is_last` is true in the last one.
         """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)
@@ -218,7 +234,11 @@ class Session:
             )
 
     def _read(self, request: Mapping[str, Any]) -> tuple[Subject, View, Settings]:
-        """Read the subject, the view and the settings that a request names."""
+        """Read the subject, the view and the settings that a request names.
+
+        Settings that the request lacks get their defaults. Raises `ValueError` for a field that is
+        not valid, and for a request without a view.
+        """
         subject = self.subject_of(request)
         view = read_fields(View, request.get("view"))
         return subject, view, read_fields(Settings, request.get("settings", {}))
@@ -244,7 +264,7 @@ Of the waiting requests, the one of least rank is answered first.
 
 
 def scalar(value: Any) -> str | int | float | None:
-    """Return the value if it is a string or a number; otherwise None.
+    """Return the value if it is a string, a number or a boolean; otherwise None.
 
     Replies repeat fields of a request. They never repeat lists or objects, which may be nested
     deeply.

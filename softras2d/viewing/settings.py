@@ -70,5 +70,9 @@ class Settings:
         return next(width for width in (1.0, 2.0, 4.0, 8.0) if self.soft_width <= width)
 
     def without_arrays(self) -> "Settings":
-        """These settings, with fixed values for the numbers that change without recompiling."""
+        """These settings, with fixed values for the numbers that change without recompiling.
+
+        The width of soft edges becomes `planned_width`, or 0.1 if coverage is not soft, and the
+        bias of the level of detail becomes 0.
+        """
         return replace(self, soft_width=self.planned_width() or SOFT_WIDTHS[0], lod_bias=0.0)

@@ -63,8 +63,9 @@ class Watcher:
     ) -> None:
         """Call `tell` with the result of `versions`, whenever the result has changed.
 
-        The thread of the watcher calls both functions. `owner` is the key with which `forget` stops
-        this; if the owner is watched already, nothing changes.
+        `versions` returns the version of each subject. It is called once now, and then in the
+        thread of the watcher, as `tell` is. `owner` is the key with which `forget` stops this; if
+        the owner is watched already, nothing changes.
         """
         with self._changed:
             if owner not in self._watched:

@@ -13,7 +13,8 @@ _ASPECT = 4 / 3
 def still_png(session: Session, height: int) -> bytes:
     """Draw the first subject of a session as a PNG file.
 
-    The picture is at most `height` pixels high, and at most 4/3 times `height` pixels wide.
+    The picture shows the complete subject, with default settings. It is as large as it can be, but
+    at most `height` pixels high, and at most 4/3 times `height` pixels wide.
     """
     subject = session.subjects[0]
     rows, columns = subject.size()

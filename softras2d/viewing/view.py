@@ -25,8 +25,8 @@ class View:
     """The part of a drawing that a canvas shows.
 
     - `zoom`: pixels of the canvas per pixel of the drawing.
-    - `x`, `y`: pixel of the enlarged drawing that is at the top left of the canvas, like the
-      `origin` of a plan.
+    - `x`, `y`: pixel of the enlarged drawing, which is the drawing times `zoom`, that is at the top
+      left of the canvas, like the `origin` of a plan. It may lie outside the drawing.
     - `height`, `width`: size of the canvas, in pixels.
 
     Raises `ValueError` for values outside the range that can be drawn.
@@ -48,9 +48,10 @@ class View:
 
 
 def enlarged_size(height: int, width: int, zoom: int | float) -> tuple[int, int]:
-    """Height and width, in whole pixels, of a drawing that is enlarged by `zoom`.
+    """Height and width, in whole pixels and at least 1, of a drawing that is enlarged by `zoom`.
 
-    Raises `ValueError` for a size at which float32 coordinates are too coarse.
+    `height` and `width` are those of the drawing at zoom 1. Raises `ValueError` for a size at which
+    float32 coordinates are too coarse.
     """
     enlarged = max(1, round(height * zoom)), max(1, round(width * zoom))
     if max(enlarged) > MAX_ENLARGED_SIDE:

@@ -27,7 +27,10 @@ class WatchedFit(SceneInMemory):
         self._is_watched = False
 
     def add(self, report: ProgressReport) -> None:
-        """Record a progress report, and show its scene if the last scene shown has been drawn."""
+        """Record a progress report, and show its scene if the last scene shown has been drawn.
+
+        The scene of the first report is shown in any case.
+        """
         self._records.append(report.record)
         if self._version == 1 or self._drawn_version == self._version:
             self._show(report.scene(), is_running=True)

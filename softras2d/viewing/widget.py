@@ -62,7 +62,9 @@ class ViewerWidget(anywidget.AnyWidget):
     def _receive(self, widget: Any, request: Any, buffers: Any) -> None:
         """Pass a request of an output on to the worker.
 
-        The widget is called by the front end: `request` is the message, and `buffers` are not used.
+        The front end calls this: `request` is the message, from which the field `owner`, the name
+        of the output, is removed. Other arguments are not used. A message of kind "closed" says
+        that the output was closed. A message that is not a dictionary is ignored.
         """
         if not isinstance(request, dict):
             return

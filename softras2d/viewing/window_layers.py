@@ -93,7 +93,7 @@ def find_layers(
 
 
 def _no_layers(plan: Plan, layers: int) -> WindowLayers:
-    """The layers of a scene without triangles: all of them are unused."""
+    """The layers of a scene without triangles on the canvas of a plan: all of them are unused."""
     shape = (plan.height, plan.width, plan.grid.samples, layers)
     zeros = np.zeros((*shape, 4), np.float32)
     no_triangle = to_device(np.full(shape, -1, np.int32))
@@ -181,6 +181,8 @@ def _level(
     filter: Filter,
 ) -> Float[Array, "*points"]:
     """Mip level of detail at each point, clipped to the levels that the pyramid has.
+
+    It is 0 for the level filter `"zero"`, and meaningless at points without texture (index -1).
 
     - `index`: index of the texture at each point.
     - `footprint`: change of (u, v) for a step of one pixel, as `Visibility.footprint` returns it.

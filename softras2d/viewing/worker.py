@@ -70,7 +70,10 @@ class Worker:
                 del self._jobs[key]
 
     def close(self, seconds: int | float = 0) -> None:
-        """Drop all requests, and wait up to `seconds` for the reply that is being computed."""
+        """Drop all requests, and wait up to `seconds` for the reply that is being computed.
+
+        The thread of the worker ends after this reply. Later requests are not answered.
+        """
         with self._changed:
             self._jobs.clear()
             self._is_closed = True
