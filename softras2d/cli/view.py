@@ -136,7 +136,10 @@ def bundled_subject(name: str, read_options: "ReadOptions") -> "Subject":
 
 @contextmanager
 def shown_address(url: str, browser: bool) -> Iterator[None]:
-    """Print the address of the viewer's page; open it for the `with` block if `browser` is true."""
+    """Print the address of the viewer's page, and open it in the browser if `browser` is true.
+
+    The temporary file by which the browser finds the page exists until the `with` block ends.
+    """
     from ..viewing.browser import opened_page
 
     Console(soft_wrap=True, highlight=False).print(f"viewer: {url}", markup=False)

@@ -37,7 +37,7 @@ def scene_html(scene: Any) -> str | None:
 def image_html(image: Any, text: str) -> str | None:
     """HTML of an image, `[height, width, 1, 3 or 4]` in 0..1, above a text.
 
-    None if it is not an image.
+    Images of more than `_MAX_SIDE` pixels a side are shrunk. None if it is not an image.
     """
     return _html(lambda: _shrunk(np.asarray(image, np.float32)), text)
 
@@ -45,8 +45,8 @@ def image_html(image: Any, text: str) -> str | None:
 def buffers_html(visible: Any, text: str) -> str | None:
     """HTML of a picture with one colour for each visible triangle, above a text.
 
-    `visible`: a `Visibility` (see `rendering`) with one layer. The result is None for several
-    layers, and for anything else that cannot be shown.
+    `visible`: a `Visibility`, which is the result of `rasterize`, with one layer. None is returned
+    for several layers, and for anything else that cannot be shown.
     """
 
     def draw() -> np.ndarray:

@@ -42,6 +42,8 @@ def scene_text(scene: Any) -> str:
 def buffers_text(buffers: Any) -> str:
     """Describe a `Visibility` or `PixelLayers` on two lines; never raises, whatever its leaves are.
 
+    They are the results of `rasterize` and `pixel_layers`.
+
     The first line gives the shape of the buffer `triangle`, the second the counts and the extent of
     the scene.
     """

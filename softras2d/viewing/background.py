@@ -1,4 +1,8 @@
-"""Compiles plans with headroom in a separate thread, while tight plans draw (`plans.py`)."""
+"""Compiles plans with headroom in a separate thread, while tight plans draw.
+
+A plan is the options and the array sizes of a compiled program. `plans.py` explains tight plans,
+headroom and kinds of views.
+"""
 
 from collections import OrderedDict
 from collections.abc import Hashable

@@ -1,4 +1,9 @@
-"""Draws views with `render`, as pictures of bytes."""
+"""Draws views with `render`, as pictures of bytes.
+
+A view is the part of an enlarged drawing that a canvas shows (`view.py`). A plan is the options and
+the array sizes of the compiled program that draws it; `plans.py` explains tight plans and headroom.
+A scene outgrows a plan if it needs larger arrays.
+"""
 
 import threading
 import time

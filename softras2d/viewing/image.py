@@ -1,4 +1,7 @@
-"""Defines the subject that is an image: a file of pixels, or the levels of a texture pyramid."""
+"""Defines the subject that is an image: a file of pixels, or the levels of a texture pyramid.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`).
+"""
 
 from collections import OrderedDict
 from collections.abc import Callable

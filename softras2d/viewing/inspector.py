@@ -1,4 +1,9 @@
-"""Inspects a pixel: lists the triangles that cover it, its samples, and its value."""
+"""Inspects a pixel: lists the triangles that cover it, its samples, and its value.
+
+A view is the part of an enlarged drawing that a canvas shows (`view.py`). The window is a small
+view around the inspected pixel. The layers of a sample are the triangles that cover it, nearest
+first (`window_layers.py`). Analytic coverage, soft or by area, has one sample per pixel.
+"""
 
 from dataclasses import replace
 from functools import partial

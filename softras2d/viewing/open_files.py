@@ -1,4 +1,7 @@
-"""Makes the subjects of the files that the command line names."""
+"""Makes the subjects of files that the command line or a notebook names.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`).
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

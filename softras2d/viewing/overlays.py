@@ -1,4 +1,7 @@
-"""Computes overlays of a view: triangle edges, list lengths of tiles, position gradients."""
+"""Computes overlays of a view: triangle edges, list lengths of tiles, position gradients.
+
+A view is the part of an enlarged drawing that a canvas shows (`view.py`).
+"""
 
 from dataclasses import replace
 

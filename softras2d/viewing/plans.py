@@ -1,5 +1,9 @@
 """Plans of views, which are stored so that panning and small zooms compile nothing.
 
+A view is the part of an enlarged drawing that a canvas shows (`view.py`). A plan is the options and
+the array sizes, called capacities, of a compiled program. The arrays are lists, for example of the
+triangles in each tile of the canvas. A view outgrows a plan if it needs longer lists.
+
 JAX compiles a program for each set of capacities. A view that moves needs lists of other lengths in
 every frame, so the plan of one frame is used for as long as it is large enough, with another
 origin.

@@ -1,4 +1,7 @@
-"""Defines the subject that is an SVG drawing, read again for each zoom and whenever it changes."""
+"""Defines the subject that is an SVG drawing, read again for each zoom and whenever it changes.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`).
+"""
 
 import shlex
 from dataclasses import dataclass

@@ -1,4 +1,7 @@
-"""Defines the subject that is a scene in memory, such as the scene of a fit."""
+"""Defines the subject that is a scene in memory, such as the scene of a fit.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`).
+"""
 
 import math
 

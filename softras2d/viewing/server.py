@@ -1,4 +1,8 @@
-"""Serves the page of the viewer, its script, and the WebSocket that carries messages."""
+"""Serves the page of the viewer, its script, and the WebSocket that carries messages.
+
+A message from a page is a request, which a `Session` answers with replies; `session.py` describes
+both.
+"""
 
 import asyncio
 import contextlib

@@ -4,6 +4,9 @@ A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` an
 the replies repeat, and fields that depend on the kind. The slot tells the two pictures of a page
 apart: "a" is the picture of the subject that the page shows, and "b" is the picture of the subject
 with which it is compared. A reply has a header, for JSON, and bytes.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`). A view is the part of it
+that a canvas shows, with its zoom (`view.py`).
 """
 
 import dataclasses
@@ -112,7 +115,7 @@ class Session:
         return self.subjects[number]
 
     def describe(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Reply with a list of the subjects."""
+        """Reply with a list of the subjects, each as `_describe` describes it, in the header."""
         yield Reply({"subjects": [_describe(subject) for subject in self.subjects]})
 
     def picture(self, request: Mapping[str, Any]) -> Iterator[Reply]:
@@ -155,7 +158,11 @@ class Session:
         yield Reply({"name": self.subject_of(request).name}, png_of(rgba))
 
     def inspect(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Inspect a pixel; reply with its values and samples, and then with its reference value."""
+        """Inspect a pixel; reply with its values and samples, and then with its reference value.
+
+        The request has the `column` and `row` of the pixel on the canvas. The first reply is a
+        `PixelReport`; the second, of kind `"reference"`, is the result of `reference_value`.
+        """
         subject, view, settings = self._read(request)
         column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
         check_range("column", column, 0, view.width - 1)
@@ -168,7 +175,10 @@ class Session:
         yield Reply({"kind": "reference"} | header)
 
     def edges(self, request: Mapping[str, Any]) -> Iterator[Reply]:
-        """Reply with the corners of the triangles in view, (x, y) in pixels as float32."""
+        """Reply with the corners of the triangles in view, (x, y) in pixels as float32.
+
+        The pixels are those of the canvas. The header has the number of triangles.
+        """
         subject, view, _ = self._read(request)
         corners = triangle_edges(subject.scene_at(view.zoom), view)
         yield Reply({"triangles": len(corners)}, _bytes(corners))

@@ -1,7 +1,10 @@
 """Starts the threads that all widgets of a process share: one draws, one watches for changes.
 
-They are shared because widgets accumulate: a notebook makes a widget each time that a cell runs,
-and the front end keeps the old ones.
+A subject is a drawing or an image that a widget shows. Its version is a number that changes
+whenever its contents do.
+
+The threads are shared because widgets accumulate: a notebook makes a widget each time that a cell
+runs, and the front end keeps the old ones.
 """
 
 import functools

@@ -1,4 +1,7 @@
-"""Draws the still picture of a session, for notebook pages without a running kernel."""
+"""Draws the still picture of a session, for notebook pages without a running kernel.
+
+A session answers requests about subjects, which are the drawings and images that a viewer shows.
+"""
 
 from .draw import Artist
 from .png import png_of

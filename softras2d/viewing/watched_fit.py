@@ -1,4 +1,8 @@
-"""Defines the subject that shows a fit while it runs."""
+"""Defines the subject that shows a fit while it runs.
+
+A subject is a drawing or an image that the viewer shows (`subject.py`). A page is what
+shows it in a browser; pages ask for its scene and its progress.
+"""
 
 import threading
 

@@ -1,4 +1,8 @@
-"""Shows the viewer as a notebook widget. Imports anywidget."""
+"""Shows the viewer as a notebook widget. Imports anywidget.
+
+An output is the place below a notebook cell that shows a widget. Several outputs may show one
+widget. Each sends requests, which a `Session` answers with replies (`session.py`).
+"""
 
 # pyright: reportMissingImports=false
 

@@ -1,4 +1,8 @@
-"""Lists the triangles that cover each sample of a small window, with what the inspector shows."""
+"""Lists the triangles that cover each sample of a small window, with what the inspector shows.
+
+A window is a view of a few pixels (`view.py`). The layers of a sample are the triangles that cover
+it, nearest first.
+"""
 
 from typing import NamedTuple
 
