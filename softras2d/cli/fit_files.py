@@ -127,7 +127,8 @@ class AnimationFrames:
     def add(self, report: ProgressReport) -> None:
         """Store the scene of a progress report, if it is time for another frame.
 
-        It is for the first report, and whenever another 1/`_MAX_FRAMES` of the fit has been done.
+        That is so at the first report, and whenever another 1/40 of the fit (1/`_MAX_FRAMES`) has
+        been done since the last frame.
         """
         if not self._scenes or report.share - self._scenes[-1][0] >= 1 / _MAX_FRAMES:
             self._scenes.append((report.share, report.scene()))

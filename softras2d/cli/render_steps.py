@@ -27,7 +27,7 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
 
     `path` is a file, `-` for standard input, or the name of a bundled scene. If the options give a
     canvas with another aspect ratio than the drawing, and `options.fit` does not say how to fill
-    the canvas, a warning says that margins remain; not so in dialect `course`.
+    the canvas, a warning says that margins remain. There is none in dialect `course`.
     """
     source = SceneSource(path, options.dialect)
     is_whole_size = options.size is not None and options.size.height is not None

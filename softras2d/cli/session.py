@@ -55,7 +55,10 @@ def session(
 
 
 def debugging() -> bool:
-    """Whether errors keep their traceback: whether SOFTRAS2D_DEBUG is set, to anything but 0."""
+    """Whether errors keep their traceback.
+
+    They do if the environment variable SOFTRAS2D_DEBUG is set to anything but 0.
+    """
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
 

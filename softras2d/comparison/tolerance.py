@@ -19,7 +19,10 @@ to 2e-5 of it. A tolerance of 0 stays exact."""
 def exceeds(
     difference: Float64[np.ndarray, "height width"], tolerance: float
 ) -> Bool[np.ndarray, "height width"]:
-    """Whether each difference is larger than the tolerance, apart from rounding in float32."""
+    """Whether each difference is larger than the tolerance, apart from rounding in float32.
+
+    Differences up to 1 + `_ROUNDING` (1e-4) times the tolerance do not count as larger.
+    """
     return difference > tolerance * (1 + _ROUNDING)
 
 

@@ -5,6 +5,10 @@ background shows at the seam of two adjacent triangles. Here the square of one p
 the edges of its triangles, nearest triangle first, into convex pieces. All points of a piece show
 the same triangles. The result is exact up to rounding, but computing it is far too slow for a
 picture.
+
+A polygon is a list of points (x, y), relative to the upper left corner of the pixel. Its
+orientation is positive if the shoelace formula in x and y gives it a positive area. As y points
+down, it then looks clockwise.
 """
 
 import itertools
@@ -121,7 +125,10 @@ def _with_area(polygon: list[_Point]) -> list[_Point]:
 
 
 def _area_and_centroid(polygon: list[_Point]) -> tuple[float, _Point]:
-    """Area and centroid of a convex polygon in positive orientation, summed over a triangle fan."""
+    """Area and centroid of a convex polygon in positive orientation, summed over a triangle fan.
+
+    The centroid of a polygon without area is its first corner.
+    """
     x, y = polygon[0]
     area = moment_x = moment_y = 0.0
     # Relative to the first corner, so that small polygons keep their digits.

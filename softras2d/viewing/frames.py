@@ -54,7 +54,10 @@ def header_text(reply: Reply) -> str:
 
 
 def finite(value: Any) -> Any:
-    """Replace numbers that are not finite by None, also within lists and dictionaries."""
+    """Replace numbers that are not finite by None, also within lists and dictionaries.
+
+    The argument is not changed. Tuples become lists.
+    """
     if isinstance(value, dict):
         return {name: finite(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):

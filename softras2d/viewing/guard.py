@@ -22,9 +22,9 @@ NAMES = ("127.0.0.1", "localhost")
 class Guard:
     """Web application that passes allowed requests on to the application `app`.
 
-    A request is allowed if its host and its origin are this server at `port`, and if its path
-    begins with `token`, which is removed from the path. Other requests are answered with status
-    403.
+    A request is allowed if its host is this server at `port`; if its origin, should it have one, is
+    a page of this server; and if its path begins with `token`, which is removed from the path.
+    Other requests are answered with status 403.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int):
@@ -47,7 +47,7 @@ class Guard:
             await PlainTextResponse("refused\n", 403)(scope, receive, send)
 
     def _is_allowed(self, scope: Scope) -> bool:
-        """Whether a request has the right host, origin and token."""
+        """Whether a request has the right host and token, and no origin or the right one."""
         headers = Headers(scope=scope)
         origin = headers.get("origin")
         start = scope["path"][: len(self._prefix) + 1]

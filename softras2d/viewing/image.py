@@ -135,7 +135,10 @@ def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
 
 
 def pyramid_image(name: str, textures: TexturePyramid) -> Image:
-    """Make the subject of a texture pyramid: one row per texture, with its levels side by side."""
+    """Make the subject of a texture pyramid: one row per texture, with its levels side by side.
+
+    At zoom 1, a texel of any level is one pixel.
+    """
     picture = _mosaic(textures)
     return Image(name, lambda: picture)
 

@@ -120,9 +120,10 @@ def reference_value(
 ) -> tuple[str, list[float]]:
     """Compute a more exact value of a pixel of a view, to compare the drawn value with.
 
-    `column` and `row` are the pixel on the view's canvas. Returns how the value was computed, as
-    text, and the value with straight alpha. The value is the mean of the drawing over the square of
-    the pixel (`exact_pixel`) or, where that is None, the value with 256 samples.
+    `column` and `row` are the pixel on the view's canvas. Returns how the value was computed,
+    `"exact area"` or `"256 samples"`, and the value in 0..1 with straight alpha. The value is the
+    mean of the drawing over the square of the pixel (`exact_pixel`) or, where that is None, the
+    value with 256 samples.
     """
     value = exact_pixel(scene, view.x + column, view.y + row)
     if value is not None:

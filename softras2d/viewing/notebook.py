@@ -49,8 +49,9 @@ def view(
     If `softras2d.keep_compiled_programs()` was called, the first pictures of the next session
     compile nothing.
 
-    Raises `ImportError`, with a message of one line, if anywidget is missing, and `ValueError` for
-    subjects of other kinds and for batches of scenes.
+    Raises `ImportError`, with a message of one line, if anywidget is missing. Raises `ValueError`
+    for no subjects, subjects of other kinds, batches of scenes, files that do not exist, and a
+    `widget_height` outside its range.
     """
     if not _LEAST_WIDGET <= widget_height <= _MOST_WIDGET:
         raise ValueError(

@@ -3,7 +3,8 @@
 A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` and a `slot`, which
 the replies repeat, and fields that depend on the kind. The slot tells the two pictures of a page
 apart: "a" is the picture of the subject that the page shows, and "b" is the picture of the subject
-with which it is compared. A reply has a header, for JSON, and bytes.
+with which it is compared. Other requests have other slots or none. A newer request of a page
+replaces its older ones of the same kind and slot. A reply has a header, for JSON, and bytes.
 
 A subject is a drawing or an image that the viewer shows (`subject.py`). A view is the part of it
 that a canvas shows, with its zoom (`view.py`).
@@ -86,7 +87,8 @@ class Session:
         """Answer a request; yields one reply or several, each when it has been computed.
 
         An error in a request or a file is answered by a reply of kind `"error"`, whose `message` is
-        one line.
+        one line and whose `request` is the kind of the request. So is any other error, which is
+        logged too.
         """
         request_fields = {name: scalar(request.get(name)) for name in ("kind", "id", "slot")}
         kind = request_fields["kind"]
@@ -210,8 +212,9 @@ class Session:
     def gradients(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Reply with the gradient of each vertex: rows of (x, y, d/dx, d/dy) as float32.
 
-        The differentiated function is the mean squared difference to the image of the subject that
-        the field `target` of the request names.
+        The differentiated function is the mean squared difference to the image of the subject whose
+        index is the field `target` of the request. Only some vertices have rows (see
+        `position_gradients`); their number is in the header.
         """
         subject, view, settings = self._read(request)
         target = self.subject_of(request, "target")
@@ -289,7 +292,7 @@ def _is_expected(error: Exception) -> bool:
 
 
 def _one_line(error: Exception) -> str:
-    """The message of an error as one short line; its type if it has no message."""
+    """The message of an error on one line, cut to 300 characters; its type if it has no message."""
     return " ".join(str(error).split())[:300] or type(error).__name__
 
 
@@ -309,7 +312,9 @@ def _bytes(array: np.ndarray) -> memoryview:
 def _describe(subject: Subject) -> dict[str, Any]:
     """Describe a subject for JSON: name, version, size at zoom 1, and the progress of a fit.
 
-    If the size cannot be read, it is 1 x 1, and `error` is the message.
+    It also says whether the subject is an image. If the size cannot be read, it is 1 x 1, and
+    `error` is the message. The field `fit`, if a fit made the subject, has `is_running`, and
+    `history` with a list of steps, seconds, PSNR in dB and triangles in use for each record.
     """
     header: dict[str, Any] = {
         "name": subject.name,

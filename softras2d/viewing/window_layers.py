@@ -44,6 +44,7 @@ class WindowLayers(NamedTuple):
     - `depth`, `uv`: interpolated values; None if the scene has none. Depth is also None under
       analytic coverage.
     - `level`: mip level of detail; None for a scene without textures, and under analytic coverage.
+      It has no meaning for a triangle without texture.
     """
 
     triangle: Int[HostOrDeviceArray, "height width samples layers"]
