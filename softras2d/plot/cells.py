@@ -1,7 +1,8 @@
 """Makes figures in which each pixel of an image is an integer number of screen dots wide and high.
 
 Otherwise some rows of pixels would be thicker than others, and the figure would show aliasing that
-the image does not have. Images that are too large for this are shrunk (`new_cells`). All sizes are in dots of the screen, unless they are in pixels of an image.
+the image does not have. Images that are too large for this are shrunk (`new_cells`). All sizes
+are in dots of the screen, unless they are in pixels of an image.
 """
 
 from collections.abc import Sequence
