@@ -142,6 +142,20 @@ def test_stops_by_hand():
     np.testing.assert_allclose(colors, wanted, atol=1e-2)
 
 
+@pytest.mark.parametrize("fades", (False, True))
+def test_a_half_that_is_transparent_paints_nothing(fades):
+    first, second = ("0", "1") if fades else ("0.5", "0.5")
+    axis = 'x1="0.5" x2="1"' if fades else ""
+    gradient = (
+        f'<linearGradient id="g" {axis}><stop offset="{first}" stop-color="red" stop-opacity="0"/>'
+        f'<stop offset="{second}" stop-color="red"/></linearGradient>'
+    )
+    x = np.array([0.1, 0.45, 0.55, 0.75, 0.95])
+    colors = colors_at(read(gradient), np.stack([100 * x, np.full(5, 33.3)], 1))
+    alpha = np.clip((x - 0.5) / 0.5, 0, 1) if fades else x > 0.5
+    np.testing.assert_allclose(colors[:, 1], 1 - alpha, atol=1e-2)
+
+
 def test_gradients_inherit_from_each_other():
     first = f'<linearGradient id="f" x2="0" y2="1">{STOPS}</linearGradient>'
     np.testing.assert_allclose(

@@ -249,13 +249,14 @@ class Painter:
         """Intersect a region with the pieces of a gradient that cover its bounding box.
 
         `pieces` is a list of `Piece`, polygons with paints. Returns one item for each piece that
-        the region overlaps. Pieces that are fully transparent are left out; if only one is left,
-        the region is not cut and has its paint everywhere. `source` is the index of the region's
-        shape in `sources`; -1 for none.
+        the region overlaps. Pieces that are fully transparent are left out. A single piece covers
+        the whole region, which is not cut. `source` is the index of the region's shape in
+        `sources`; -1 for none.
         """
+        is_single = len(pieces) == 1
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]
-        if len(pieces) == 1:
-            return [Item(region, pieces[0].paint, source)]
+        if is_single:
+            return [Item(region, piece.paint, source) for piece in pieces]
         polygons: Any = np.array([shapely.Polygon(piece.points) for piece in pieces], object)
         shapely.prepare(region)
         meets = shapely.intersects(region, polygons)
