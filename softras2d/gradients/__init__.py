@@ -15,7 +15,7 @@ Terms in this folder:
   the edge belongs.
 - *Sample inside*, *sample outside*: the two neighbouring samples of the line between which the edge
   passes. The sample inside is on the side on which the edge's triangle lies.
-- *Run*: up to eight successive lines that one edge crosses (`crossings.Runs`). Arrays `[lines,
+- *Run*: up to eight successive lines that one edge crosses (`runs.Runs`). Arrays `[lines,
   runs]` have one entry for each line of each run.
 - *Layer* of a sample: a triangle that covers the sample and passes the depth test there.
 - *Lane*: one index of arrays of a fixed length. All lanes are computed at once, whether they are

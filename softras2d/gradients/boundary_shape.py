@@ -10,7 +10,7 @@ class BoundaryShape(NamedTuple):
 
     - `tiling`: the tiles into which the canvas is cut.
     - `channels`: number of channels of the image.
-    - `max_runs`: capacity of the list of runs of crossings (`crossings.Runs`); runs beyond it add
+    - `max_runs`: capacity of the list of runs of crossings (`runs.Runs`); runs beyond it add
       nothing.
     - `max_chunks`: upper bound on the number of chunks (`binning.lists.Chunks`) of a tile, a power
       of two. Only the boundary term of opaque scenes uses it.

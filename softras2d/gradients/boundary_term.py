@@ -20,7 +20,8 @@ Pidhorskyi et al., *Rasterized Edge Gradients* (ECCV 2024), for edges between sa
 """
 
 import functools
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -30,31 +31,36 @@ from jaxtyping import Array, Bool, Float, Int
 from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
+from ..numerics.linear_map import linear_map
 from .boundary_shape import BoundaryShape
 from .color_jumps import layered_jumps, opaque_jumps
-from .crossings import LINES, Crossings, Runs, Sides, find_crossings, list_runs
-from .edge_motion import Sweep, edge_speeds, image_tangent
+from .crossings import find_crossings, find_samples_inside
+from .edge_motion import Jumps, add_to_image, add_to_speeds, edge_speeds
 from .hidden_runs import distance_range, farthest_visible_distance, keep_runs, may_be_visible
 from .interpenetration import depth_changes, image_change
 from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
 from .layered_samples import LayeredSamples
 from .opaque_pairs import OpaquePairs
+from .runs import Runs, Sides, list_runs
 from .sample_colors import OpaqueSamples
 from .sample_pairs import PairSearch
+
+Total = TypeVar("Total")
+"""A sum over crossings: the change of the image, or the cotangent of the speeds of edges."""
 
 
 class CrossedEdges(NamedTuple):
     """The edges of a scene, and the lines of samples that each edge crosses.
 
-    Lines are rows of samples for steep edges and columns for others (`crossings.Sides.steep`).
+    Lines are rows of samples for steep edges and columns for others (`runs.Sides.steep`).
 
     - `sides`: positions of the ends of each edge, in pixels, and whether the edge is steep.
     - `edges`: the edge functions, which decide exactly which samples are inside.
     - `vertex`: vertex index of each corner. Corners 1 and 2 are exchanged in triangles whose area
       is negative.
     - `first`, `count`: for edges 0, 1 and 2 of each triangle, the first line on the canvas that the
-      edge crosses, and the number of lines (`crossings.lines_crossed`).
+      edge crosses, and the number of lines (`runs.lines_crossed`).
     """
 
     sides: Sides
@@ -148,18 +154,12 @@ def _image_velocity(
     zeros. The other arguments are those of `with_boundary_term`. Moving edges contribute unless
     `velocity` is None, and lines of interpenetration contribute in scenes with depth.
     """
-    masks = None
-    if isinstance(samples, LayeredSamples):
-        masks = layer_masks(
-            samples.passed, samples.lists, shape.tiling, max_list_length=shape.max_list_length
-        )
     grid = shape.tiling.grid
     change = jnp.zeros((grid.height, grid.width, shape.channels), positions.dtype)
     if velocity is not None:
-        with jax.named_scope("edge_slopes"):
-            sweep = _sweep(shape, crossed_edges, samples, masks)
         speeds = edge_speeds(velocity, crossed_edges.vertex, crossed_edges.sides)
-        change = image_tangent(speeds, sweep, grid)
+        with jax.named_scope("moving_edges"):
+            change = _change_by_edges(shape, crossed_edges, samples, speeds)
     depths = samples.depths
     if depth is None or depths is None:
         return change
@@ -168,22 +168,25 @@ def _image_velocity(
     tiling = shape.tiling
     with jax.named_scope("interpenetration"):
         changes = depth_changes(velocity, depth_tangent, crossed_edges.vertex, depths, tiling)
-        search = _pair_search(shape, samples, masks)
+        search = _pair_search(shape, samples)
         return change + image_change(search, depths, changes, tiling, channels=shape.channels)
 
 
-def _pair_search(
-    shape: BoundaryShape, samples: OpaqueSamples | LayeredSamples, masks: LayerMasks | None
-) -> PairSearch:
+def _pair_search(shape: BoundaryShape, samples: OpaqueSamples | LayeredSamples) -> PairSearch:
     """Choose the search for pairs of samples between which triangles may interpenetrate.
 
-    There is one search for opaque scenes and one for translucent scenes (`sample_pairs`). `masks`
-    are the layer masks of a translucent scene (`LayerMasks`), None for an opaque one.
+    There is one search for opaque scenes and one for translucent scenes (`sample_pairs`).
     """
     if isinstance(samples, OpaqueSamples):
         return OpaquePairs(samples, shape.tiling, shape.max_chunks)
-    assert masks is not None
-    return LayerPairs(samples, masks, shape.tiling)
+    return LayerPairs(samples, _layer_masks(shape, samples), shape.tiling)
+
+
+def _layer_masks(shape: BoundaryShape, samples: LayeredSamples) -> LayerMasks:
+    """Compute the layer masks of a translucent scene (`layer_masks`)."""
+    return layer_masks(
+        samples.passed, samples.lists, shape.tiling, max_list_length=shape.max_list_length
+    )
 
 
 _BLOCK = 4096
@@ -191,22 +194,56 @@ _BLOCK = 4096
 Measured with 1,000 translucent triangles at 512 pixels: half or twice as many take longer."""
 
 
-def _sweep(
+_SceneParts = tuple[CrossedEdges, OpaqueSamples | LayeredSamples]
+"""The edges of a scene, and what it shows at each sample."""
+
+
+def _change_by_edges(
     shape: BoundaryShape,
     crossed_edges: CrossedEdges,
     samples: OpaqueSamples | LayeredSamples,
-    masks: LayerMasks | None,
-) -> Sweep:
-    """Find the crossings of all edges that may be visible, and the jump of colour at each.
+    speeds: Float[Array, "2 edges"],
+) -> Float[Array, "height width channels"]:
+    """Compute the change of the image per unit of time as edges move, linear in their `speeds`.
 
-    Crossings are processed in blocks of `_BLOCK` runs (`crossings.Runs`). In an opaque scene, runs
-    that nearer triangles hide are removed first. `masks` are the layer masks of a translucent scene
-    (`LayerMasks`), None for an opaque one.
-
-    Returns the `Sweep` of the crossings of all runs. Entries without a crossing have a jump of 0,
-    and the pixel one past the last.
+    `speeds` is as returned by `edge_speeds`. The map and its transpose each find the crossings
+    anew, block by block, so that nothing is stored per crossing.
     """
     grid, channels = shape.tiling.grid, shape.channels
+
+    def forward(
+        scene: _SceneParts, speeds: Float[Array, "2 edges"]
+    ) -> Float[Array, "channels pixels"]:
+        unchanged = jnp.zeros((channels, grid.height * grid.width), speeds.dtype)
+        return _for_all_crossings(
+            shape, *scene, lambda image, jumps: add_to_image(image, jumps, speeds), unchanged
+        )
+
+    def backward(
+        scene: _SceneParts, image: Float[Array, "channels pixels"]
+    ) -> Float[Array, "2 edges"]:
+        edges = scene[0].sides.steep.size
+        zeros = jnp.zeros((2, edges), image.dtype)
+        return _for_all_crossings(
+            shape, *scene, lambda speeds, jumps: add_to_speeds(speeds, jumps, image), zeros
+        )
+
+    image = linear_map(forward, backward)((crossed_edges, samples), speeds)
+    return image.T.reshape(grid.height, grid.width, channels)
+
+
+def _for_all_crossings(
+    shape: BoundaryShape,
+    crossed_edges: CrossedEdges,
+    samples: OpaqueSamples | LayeredSamples,
+    add: Callable[[Total, Jumps], Total],
+    total: Total,
+) -> Total:
+    """Compute `total = add(total, jumps)` for the crossings of all edges that may be visible.
+
+    Crossings are processed in blocks of `_BLOCK` runs (`runs.Runs`). In an opaque scene, runs
+    that nearer triangles hide are removed first. Returns the last total.
+    """
     block = min(_BLOCK, max(shape.max_runs, 1))
     blocks = -(-shape.max_runs // block)
     runs = list_runs(
@@ -216,34 +253,21 @@ def _sweep(
         tiling=shape.tiling,
         capacity=blocks * block,
     )
-    dtype = crossed_edges.sides.start.dtype
     if isinstance(samples, OpaqueSamples):
         runs = _without_hidden(crossed_edges, samples, runs, shape.tiling, block)
         jumps_at = functools.partial(opaque_jumps, shape, samples)
     else:
-        assert masks is not None
-        jumps_at = functools.partial(layered_jumps, shape, samples, masks)
+        jumps_at = functools.partial(layered_jumps, shape, samples, _layer_masks(shape, samples))
 
-    def visit(
-        number: Int[Array, ""],
-        sweep: tuple[
-            Float[Array, "lines runs"],
-            Int[Array, "lines runs"],
-            Float[Array, "channels lines runs"],
-        ],
-    ) -> Any:
-        crossings = _crossings_of_block(crossed_edges, runs, number, block, shape.tiling)
-        block_sweep = (crossings.t, crossings.pixel, jumps_at(crossings))
-        return tuple(
-            jax.lax.dynamic_update_slice_in_dim(all_runs, entry, number * block, entry.ndim - 1)
-            for all_runs, entry in zip(sweep, block_sweep, strict=True)
-        )
+    sides, edges, _, first, count = crossed_edges
 
-    lines = (LINES, blocks * block)
-    past_last_pixel = jnp.full(lines, grid.height * grid.width, jnp.int32)
-    sweep = (jnp.zeros(lines, dtype), past_last_pixel, jnp.zeros((channels, *lines), dtype))
-    sweep = repeat(_blocks_in_use(runs, block), visit, sweep)
-    return Sweep(runs.edge, *sweep)
+    def visit(number: Int[Array, ""], total: Total) -> Total:
+        block_runs = _block_of(runs, number, block)
+        crossings = find_crossings(sides, edges, first, count, block_runs, shape.tiling)
+        jumps = Jumps(crossings.edge, crossings.t, crossings.pixel, jumps_at(crossings))
+        return add(total, jumps)
+
+    return repeat(_blocks_in_use(runs, block), visit, total)
 
 
 def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
@@ -251,18 +275,11 @@ def _blocks_in_use(runs: Runs, block: int) -> Int[Array, ""]:
     return -(-jnp.sum(runs.rank >= 0, dtype=jnp.int32) // block)
 
 
-def _crossings_of_block(
-    crossed_edges: CrossedEdges, runs: Runs, number: Int[Array, ""], block: int, tiling: Tiling
-) -> Crossings:
-    """Find the crossings of one block of the list `runs`.
-
-    The block has `block` entries, from entry `number * block` on.
-    """
-    block_runs = jax.tree.map(
+def _block_of(runs: Runs, number: Int[Array, ""], block: int) -> Runs:
+    """Cut one block of `block` entries from the list `runs`, from entry `number * block` on."""
+    return jax.tree.map(
         lambda entry: jax.lax.dynamic_slice_in_dim(entry, number * block, block), runs
     )
-    sides, edges, _, first, count = crossed_edges
-    return find_crossings(sides, edges, first, count, block_runs, tiling)
 
 
 def _without_hidden(
@@ -277,12 +294,13 @@ def _without_hidden(
     nearest, farthest = distance_range(samples.depths, crossed_edges.vertex.shape[0])
     farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 
+    sides, edges, _, first, count = crossed_edges
+
     def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
-        crossings = _crossings_of_block(crossed_edges, runs, number, block, tiling)
-        nearest_of_run = nearest[crossings.edge // 3]
-        in_block = may_be_visible(
-            nearest_of_run, crossings.inside, crossings.valid, farthest_in_row, tiling
-        )
+        block_runs = _block_of(runs, number, block)
+        inside, valid = find_samples_inside(sides, edges, first, count, block_runs, tiling)
+        nearest_of_run = nearest[block_runs.edge // 3]
+        in_block = may_be_visible(nearest_of_run, inside, valid, farthest_in_row, tiling)
         return jax.lax.dynamic_update_slice_in_dim(kept, in_block, number * block, 0)
 
     kept = repeat(_blocks_in_use(runs, block), visit, jnp.zeros(runs.edge.shape, bool))

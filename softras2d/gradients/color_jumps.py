@@ -37,7 +37,7 @@ from .visible_front import triangle_at
 def opaque_jumps(
     shape: BoundaryShape, samples: OpaqueSamples, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute the jump of colour (`Sweep.jump`) at each crossing of an opaque scene.
+    """Compute the jump of colour (`Jumps.jump`) at each crossing of an opaque scene.
 
     The jump is the colour of the edge's triangle on the edge, minus the colour that is visible just
     outside the edge, times the signed length of edge that the crossing stands for
@@ -137,7 +137,7 @@ def _jump(
     *,
     tiling: Tiling,
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump`: the difference of the colours on both sides of an edge, times a length.
+    """Compute `Jumps.jump`: the difference of the colours on both sides of an edge, times a length.
 
     The length is `_signed_edge_length`. The result is the change of a pixel's colour per pixel by
     which the crossing moves along its line of samples, towards greater x or y. It is 0 where the
@@ -154,7 +154,7 @@ def _jump(
 def layered_jumps(
     shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
 ) -> Float[Array, "channels lines runs"]:
-    """Compute the jump of colour (`Sweep.jump`) at each crossing of a translucent scene.
+    """Compute the jump of colour (`Jumps.jump`) at each crossing of a translucent scene.
 
     The jump is the change of the colour just outside the edge if the edge's triangle covered this
     point too, times the signed length of edge that the crossing stands for
@@ -185,7 +185,7 @@ def layered_jumps(
 def _layered_jump(
     crossings: Crossings, gains: EdgeGain, is_known: Bool[Array, "lines runs"], *, tiling: Tiling
 ) -> Float[Array, "channels lines runs"]:
-    """Compute `Sweep.jump`: the gain at each crossing (`EdgeGain`) times `_signed_edge_length`.
+    """Compute `Jumps.jump`: the gain at each crossing (`EdgeGain`) times `_signed_edge_length`.
 
     A crossing counts if the edge's triangle covers the sample inside. It also counts if the
     triangle covers neither sample: then it is thinner than the sample spacing, and visible between

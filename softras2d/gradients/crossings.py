@@ -1,34 +1,21 @@
 """Crossings: where the edge of a triangle passes between two neighbouring samples.
 
-An edge of 45 degrees or steeper is intersected with the rows of samples, any other edge with the
-columns. On each of these lines the edge passes between two samples, of which one is inside the
-edge, on the side of its triangle, and one is outside. Which two samples these are is decided by the
-same integers that decide coverage.
-
-The crossings of each edge are cut into runs. A run has up to `LINES` successive lines, all within
-one row of tiles, or one column of tiles if the lines are columns. So the data of an edge and of its
-tiles are gathered once per run.
+On each line of samples that an edge crosses (`runs`), the edge passes between two samples, of which
+one is inside the edge, on the side of its triangle, and one is outside. Which two samples these are
+is decided by the same integers that decide coverage.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..binning.expansion import expand
 from ..geometry.canvas_grid import Grid
-from ..geometry.fixed_point import Edges, GridTriangles, last_sample_until
+from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
-from ..geometry.wrapped_value import WrappedValue
-from ..numerics import safe
 from ..numerics.fusion_barrier import materialized
-
-LINES = 8
-"""Largest number of lines of samples in a run. From one line to the next, the sample outside an
-edge moves by at most one sample along the lines. No side of a tile has fewer than `LINES` samples,
-so the samples outside the edge of a run lie in one tile or in two."""
+from .runs import LINES, Run, Runs, Sides, gather_runs
 
 
 class Sample(NamedTuple):
@@ -68,164 +55,20 @@ class Crossings(NamedTuple):
     pixel: Int[Array, "lines runs"]
 
 
-class Sides(NamedTuple):
-    """The ends of edge k of each triangle, from corner k to the next, in positive orientation.
+class _Lines(NamedTuple):
+    """Where the edge of each run crosses the lines of the run.
 
-    - `start`, `end`: x and y of the ends of each edge, in pixels.
-    - `steep`: whether the edge is intersected with rows of samples; else with columns.
+    - `valid`: whether the line is one of the run's and the crossing is on the canvas.
+    - `line`: number of the line on the canvas; 0 where not `valid`.
+    - `before`: number, on its line, of the last sample before the crossing; -1 if the crossing lies
+      before the first sample; 0 where not `valid`.
+    - `t`: position of the crossing along the edge, 0..1.
     """
 
-    start: Float[Array, "2 triangles 3"]
-    end: Float[Array, "2 triangles 3"]
-    steep: Bool[Array, "triangles 3"]
-
-    @property
-    def slope(self) -> Float[Array, "triangles 3"]:
-        """dx/dy of steep edges, dy/dx of others, -1..1; 0 for an edge of no length.
-
-        It is also 0 where the ends, as floats, contradict `steep`, which the snapped ends decide.
-        """
-        # Halved: the difference of two corners may be beyond the greatest float.
-        run, rise = self.end / 2 - self.start / 2
-        length = jnp.where(self.steep, rise, run)
-        other = jnp.where(self.steep, run, rise)
-        # An edge that was clipped to the guard band may be steep on the grid, and flat or without
-        # length in floats. Its slope is taken as 0, so that no slope is larger than 1.
-        usable = jnp.abs(other) <= jnp.abs(length)
-        return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
-
-
-def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
-    """Find the first line on the canvas that each edge crosses, and the number of lines.
-
-    Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
-    for others, counted from 0. A line through the upper or left end of an edge is not counted, one
-    through the other end is. The number is 0, and the first line has no meaning, for edges that
-    cross no line, and for edges without a boundary term: those of triangles without area, and those
-    with a `GridTriangles.fixed_sign`. Works for NumPy and JAX alike.
-    """
-    xp = grid_triangles.x.__array_namespace__()
-    steep = is_steep(grid_triangles)
-    start = xp.where(steep, grid_triangles.y, grid_triangles.x)
-    end = start + xp.where(steep, grid_triangles.dy, grid_triangles.dx)
-    size = xp.where(steep, grid.height, grid.width) * grid.rate
-    # The lesser end is excluded and the greater one included, so that a line through a corner is
-    # counted for one of the two edges that meet there.
-    first = last_sample_until(xp.minimum(start, end), grid) + 1
-    last = last_sample_until(xp.maximum(start, end), grid)
-    first, last = xp.maximum(first, 0), xp.minimum(last, size - 1)
-    # Triangles without area, and edges whose edge function has a fixed sign, have no boundary term.
-    bounding = (grid_triangles.fixed_sign == 0) & (grid_triangles.orientation != 0)[None]
-    count = xp.where(bounding, xp.maximum(last - first + 1, 0), 0)
-    return first.astype(xp.int32), count.astype(xp.int32)
-
-
-def is_steep(grid_triangles: GridTriangles) -> Any:
-    """Whether the vertical extent of each edge is no less than its horizontal extent.
-
-    Works for NumPy and JAX alike.
-    """
-    xp = grid_triangles.x.__array_namespace__()
-    return xp.abs(grid_triangles.dy) >= xp.abs(grid_triangles.dx)
-
-
-def count_runs(first: Any, count: Any, steep: Any, tiling: Tiling) -> Any:
-    """Number of runs into which the crossings of each edge are cut; 0 where `count` is 0.
-
-    A run has up to `LINES` lines, all in one row or column of tiles. `first` and `count` are as
-    returned by `lines_crossed`, with axes like `steep`. Works for NumPy and JAX alike.
-    """
-    last_run, first_run = (_run_of_line(line, steep, tiling) for line in (first + count - 1, first))
-    return steep.__array_namespace__().where(count > 0, last_run - first_run + 1, 0)
-
-
-def _lines_of_tile(steep: Any, tiling: Tiling) -> Any:
-    """Number of lines of samples that cross a tile: its rows for steep edges, else its columns."""
-    return steep.__array_namespace__().where(steep, tiling.sample_rows, tiling.sample_columns)
-
-
-def _run_of_line(line: Any, steep: Any, tiling: Tiling) -> Any:
-    """Number of the run to which a line of samples belongs, from 0 at the border of the canvas.
-
-    The lines are rows of samples where `steep` is true, else columns. The lines of each tile are
-    cut into runs of `LINES` lines; the last run of a tile may be shorter.
-    """
-    # Two divisions by constants are several times as fast as one by an array.
-    of_row, of_column = (
-        (line // lines) * _runs_of_tile(lines) + (line % lines) // LINES
-        for lines in (tiling.sample_rows, tiling.sample_columns)
-    )
-    return steep.__array_namespace__().where(steep, of_row, of_column)
-
-
-def _runs_of_tile(tile_lines: Any) -> Any:
-    """Number of runs into which the `tile_lines` lines of a tile are cut."""
-    return -(-tile_lines // LINES)
-
-
-class Run(NamedTuple):
-    """Data that the lines of a run share, for each run: its lines, its edge and the edge values.
-
-    - `steep`: whether the lines are rows of samples; else they are columns.
-    - `first_line`: the first line of the run, counted from the border of the canvas.
-    - `lines`: number of lines of the run; 0 in unused entries.
-    - `across_start`, `across_extent`: coordinate of the edge's start perpendicular to the lines,
-      and the step from there to its end; both in pixels and halved, so that no float overflows.
-    - `along_start`, `along_extent`: the same in the direction of the lines.
-    - `first_value`: the edge value (`fixed_point`) at sample 0 of line 0.
-    - `value_along`: change of the edge value from one sample of a line to the next.
-    - `value_across`: change of the edge value from one line to the next.
-    """
-
-    steep: Bool[Array, "*runs"]
-    first_line: Int[Array, "*runs"]
-    lines: Int[Array, "*runs"]
-    across_start: Float[Array, "*runs"]
-    across_extent: Float[Array, "*runs"]
-    along_start: Float[Array, "*runs"]
-    along_extent: Float[Array, "*runs"]
-    first_value: WrappedValue
-    value_along: Int[Array, "*runs"]
-    value_across: Int[Array, "*runs"]
-
-    def value_at(self, along: Int[Array, "*samples"], line: Int[Array, "*samples"]) -> WrappedValue:
-        """The edge value at sample `along` of a line, both counted from 0 on the canvas."""
-        return self.first_value.moved((self.value_along, along), (self.value_across, line))
-
-    def by_line(self) -> "Run":
-        """Return the run with a leading axis of length 1, to broadcast over its lines."""
-        return jax.tree.map(lambda entry: entry[None], self)
-
-
-class Runs(NamedTuple):
-    """A list of runs, each of up to `LINES` successive lines that one edge crosses.
-
-    - `edge`: the edge of each run, as 3 triangle + side.
-    - `rank`: number of the run among the runs of its edge, from 0; -1 in unused entries, which come
-      last.
-    """
-
-    edge: Int[Array, " runs"]
-    rank: Int[Array, " runs"]
-
-
-@functools.partial(materialized, static_argnames=("tiling", "capacity"))
-def list_runs(
-    first: Int[Array, "3 triangles"],
-    count: Int[Array, "3 triangles"],
-    steep: Bool[Array, "triangles 3"],
-    *,
-    tiling: Tiling,
-    capacity: int,
-) -> Runs:
-    """List the runs of all edges, in `capacity` entries; any further runs are missing.
-
-    `first` and `count` are as returned by `lines_crossed`, and `steep` is as in `Sides`.
-    """
-    by_edge = count_runs(first.T, count.T, steep, tiling).reshape(-1)
-    edge, rank = expand(by_edge, capacity)
-    is_used = jnp.arange(capacity, dtype=jnp.int32) < jnp.sum(by_edge, dtype=jnp.int32)
-    return Runs(edge, jnp.where(is_used, rank, -1))
+    valid: Bool[Array, "lines runs"]
+    line: Int[Array, "lines runs"]
+    before: Int[Array, "lines runs"]
+    t: Float[Array, "lines runs"]
 
 
 def find_crossings(
@@ -242,77 +85,41 @@ def find_crossings(
     The result has the samples beside each crossing, its position and its pixel.
     """
     grid = tiling.grid
-    run = _gather_runs(sides, edges, first, count, runs, tiling=tiling)
-    before, line, t, pixel, valid = _follow(run, grid)
+    run = gather_runs(sides, edges, first, count, runs, tiling=tiling)
+    lines = _cross_lines(run, grid)
     inside, outside = (
-        _sample_beside(run, before, line, jnp.asarray(is_inside), grid)
-        for is_inside in (True, False)
+        _sample_beside(run, lines, jnp.asarray(is_inside), grid) for is_inside in (True, False)
     )
-    gap = _gap_to_edge(run, outside, line)
-    outwards = jnp.where(run.value_along > 0, -1.0, 1.0).astype(t.dtype)
-    return Crossings(runs.edge, valid, inside, outside, gap, t, run.steep, outwards, pixel)
+    gap = _gap_to_edge(run, outside, lines.line)
+    outwards = jnp.where(run.value_along > 0, -1.0, 1.0).astype(lines.t.dtype)
+    pixel = _pixel_of(run, lines, grid)
+    return Crossings(
+        runs.edge, lines.valid, inside, outside, gap, lines.t, run.steep, outwards, pixel
+    )
 
 
-@functools.partial(materialized, static_argnames=("tiling",))
-def _gather_runs(
+def find_samples_inside(
     sides: Sides,
     edges: Edges,
     first: Int[Array, "3 triangles"],
     count: Int[Array, "3 triangles"],
     runs: Runs,
-    *,
     tiling: Tiling,
-) -> Run:
-    """Compute the `Run` data of the listed runs; arguments are as in `find_crossings`."""
-    edge, rank = runs
-    right, down, value, estimate = (
-        jnp.stack(entries, 1).reshape(-1)[edge] for entries in list(zip(*edges, strict=True))[:4]
-    )
-    steep = sides.steep.reshape(-1)[edge]
-    (x0, y0), (x1, y1) = (
-        # Halved: the difference of two corners in pixels may be beyond the greatest float.
-        [ends[axis].reshape(-1)[edge] / 2 for axis in (0, 1)]
-        for ends in (sides.start, sides.end)
-    )
-    across_start, along_start = jnp.where(steep, y0, x0), jnp.where(steep, x0, y0)
-    first_of_edge, count_of_edge = (lines.T.reshape(-1)[edge] for lines in (first, count))
-    tile_lines = _lines_of_tile(steep, tiling)
-    runs_of_tile = _runs_of_tile(tile_lines)
-    run = _run_of_line(first_of_edge, steep, tiling) + rank
-    first_of_tile = (run // runs_of_tile) * tile_lines
-    start = first_of_tile + (run % runs_of_tile) * LINES
-    end = jnp.minimum(start + LINES, first_of_tile + tile_lines)
-    first_line = jnp.maximum(start, first_of_edge)
-    lines = jnp.minimum(end, first_of_edge + count_of_edge) - first_line
-    return Run(
-        steep,
-        first_line=first_line,
-        lines=jnp.where(rank >= 0, lines, 0),
-        across_start=across_start,
-        across_extent=jnp.where(steep, y1, x1) - across_start,
-        along_start=along_start,
-        along_extent=jnp.where(steep, x1, y1) - along_start,
-        first_value=WrappedValue(value, estimate),
-        value_along=jnp.where(steep, right, down),
-        value_across=jnp.where(steep, down, right),
-    )
+) -> tuple[Sample, Bool[Array, "lines runs"]]:
+    """Compute `inside` and `valid` of `find_crossings` alone, from the same arguments."""
+    run = gather_runs(sides, edges, first, count, runs, tiling=tiling)
+    lines = _cross_lines(run, tiling.grid)
+    return _sample_beside(run, lines, jnp.asarray(True), tiling.grid), lines.valid
 
 
 @functools.partial(materialized, static_argnames=("grid",))
-def _sample_beside(
-    run: Run,
-    before: Int[Array, "lines runs"],
-    line: Int[Array, "lines runs"],
-    is_inside: Bool[Array, ""],
-    grid: Grid,
-) -> Sample:
+def _sample_beside(run: Run, lines: _Lines, is_inside: Bool[Array, ""], grid: Grid) -> Sample:
     """Choose one of the two samples beside each crossing: the one inside the edge or outside it.
 
-    - `before`: number, on its line, of the last sample before the crossing; -1 if the crossing lies
-      before the first sample. The sample that is chosen is this one or the next, clamped to the
-      canvas.
-    - `is_inside`: whether to choose the sample inside; else the sample outside.
+    It is the last sample before the crossing or the next one, clamped to the canvas. `is_inside`
+    tells whether to choose the sample inside.
     """
+    line, before = lines.line, lines.before
     steep = run.steep[None]
     size = jnp.where(steep, grid.width, grid.height) * grid.rate
     along = before + ((run.value_along > 0) == is_inside).astype(jnp.int32)[None]
@@ -336,28 +143,20 @@ def _gap_to_edge(
     return jnp.clip(-value / change[None], -1.0, 1.0)
 
 
+def _cross_lines(run: Run, grid: Grid) -> _Lines:
+    """Intersect the edge of each run with the lines of the run."""
+    before, t, is_on_canvas = _intersect(run, grid)
+    return _on_canvas(run, before, t, is_on_canvas, grid)
+
+
 @functools.partial(materialized, static_argnames=("grid",))
-def _follow(
+def _intersect(
     run: Run, grid: Grid
-) -> tuple[
-    Int[Array, "lines runs"],
-    Int[Array, "lines runs"],
-    Float[Array, "lines runs"],
-    Int[Array, "lines runs"],
-    Bool[Array, "lines runs"],
-]:
-    """Intersect the edge of each run with the lines of the run.
+) -> tuple[Int[Array, "lines runs"], Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
+    """Find the last sample before each crossing, whether the crossing is on the canvas or not.
 
-    Returns, for each crossing:
-
-    - the number, on its line, of the last sample before the crossing; -1 if the crossing lies
-      before the first sample,
-    - the number of its line,
-    - its position along the edge, 0..1,
-    - the index of its pixel, row by row, one past the last where the crossing is not valid,
-    - whether the crossing is valid, which means on the canvas and on a line of the run.
-
-    The sample and the line are 0 where the crossing is not valid.
+    Returns the number of the sample on its line, the position of the crossing along the edge, 0..1,
+    and whether the crossing, as computed in floats, is on the canvas and on a line of the run.
     """
     by_line = run.by_line()
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
@@ -384,17 +183,41 @@ def _follow(
     guess = guess + jnp.where(guessed_value.is_near_zero, samples, 0.0).astype(jnp.int32)
     before = guess + (~is_past(guess + 1)).astype(jnp.int32) - is_past(guess).astype(jnp.int32)
     # The border of the canvas is half a sample before the first sample and after the last.
-    on_canvas = (along >= 0) & (along * grid.rate <= size.astype(dtype))
-    valid = (number < by_line.lines) & (before >= -1) & (before < size) & on_canvas
-    before, line = jnp.where(valid, before, 0), jnp.where(valid, line, 0)
-    # If the two samples are in different pixels, the border between the pixels is half way between
-    # the samples.
+    is_on_canvas = (along >= 0) & (along * grid.rate <= size.astype(dtype))
+    return before, t, (number < by_line.lines) & is_on_canvas
+
+
+@functools.partial(materialized, static_argnames=("grid",))
+def _on_canvas(
+    run: Run,
+    before: Int[Array, "lines runs"],
+    t: Float[Array, "lines runs"],
+    is_on_canvas: Bool[Array, "lines runs"],
+    grid: Grid,
+) -> _Lines:
+    """Select the crossings that are on the canvas; the other arguments are from `_intersect`."""
+    steep, first_line = run.steep[None], run.first_line[None]
+    size = jnp.where(steep, grid.width, grid.height) * grid.rate
+    valid = is_on_canvas & (before >= -1) & (before < size)
+    line = first_line + jnp.arange(LINES, dtype=jnp.int32)[:, None]
+    return _Lines(valid, jnp.where(valid, line, 0), jnp.where(valid, before, 0), t)
+
+
+@functools.partial(materialized, static_argnames=("grid",))
+def _pixel_of(run: Run, lines: _Lines, grid: Grid) -> Int[Array, "lines runs"]:
+    """Index of the pixel of each crossing, row by row; one past the last if it is not valid.
+
+    If the two samples beside the crossing are in different pixels, the border between the pixels is
+    half way between the samples.
+    """
+    by_line = run.by_line()
+    valid, line, before, _ = lines
     middle = 2 * by_line.value_at(before, line).clamped() + by_line.value_along
     in_first = (middle >= 0) == (by_line.value_along > 0)
+    size = jnp.where(by_line.steep, grid.width, grid.height) * grid.rate
     along_px = jnp.clip(before + jnp.where(in_first, 0, 1), 0, size - 1) // grid.rate
     line_px = line // grid.rate
     pixel = jnp.where(
         by_line.steep, line_px * grid.width + along_px, along_px * grid.width + line_px
     )
-    pixel = jnp.where(valid, pixel, grid.height * grid.width)
-    return before, line, t, pixel, valid
+    return jnp.where(valid, pixel, grid.height * grid.width)

@@ -1,25 +1,23 @@
-"""The change of the image as edges move: a linear map from the velocities of the vertices.
+"""How the image changes as edges move: sums over crossings, linear in the speeds of edges.
 
 A crossing is a point where an edge crosses a line of samples (`crossings`). Its speed is the speed
 at which it moves along this line. Speed times the jump of colour at the crossing is added to the
 derivative of the crossing's pixel.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..geometry.canvas_grid import Grid
 from ..numerics.fusion_barrier import materialized
-from .crossings import LINES, Sides
+from .runs import Sides
 
 
-class Sweep(NamedTuple):
-    """How the image changes when edges move, for every crossing of an edge with a line of samples.
+class Jumps(NamedTuple):
+    """What the image gains as edges move, at the crossings of a list of runs (`runs.Runs`).
 
-    - `edge`: the edge of each run of crossings, as 3 triangle + side.
+    - `edge`: the edge of each run, as 3 triangle + side.
     - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
     - `pixel`: index of the crossing's pixel, row by row; one past the last if it has none.
     - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,
@@ -35,7 +33,7 @@ class Sweep(NamedTuple):
 @materialized
 def edge_speeds(
     velocity: Float[Array, "vertices 2"], vertex: Int[Array, "triangles 3"], sides: Sides
-) -> tuple[Float[Array, " edges"], Float[Array, " edges"]]:
+) -> Float[Array, "2 edges"]:
     """Speeds, in pixels per unit of time, of crossings at the start and at the end of each edge.
 
     A crossing stays on its line of samples, a row for steep edges and a column for others. So its
@@ -55,62 +53,51 @@ def edge_speeds(
         along, across = jnp.where(sides.steep, x, y), jnp.where(sides.steep, y, x)
         return (along - slope * across).reshape(-1)
 
-    return speed(vertex), speed(jnp.roll(vertex, -1, 1))
+    return jnp.stack([speed(vertex), speed(jnp.roll(vertex, -1, 1))])
 
 
-def image_tangent(
-    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], sweep: Sweep, grid: Grid
-) -> Float[Array, "height width channels"]:
-    """Change of the image per unit of time as edges move, linear in the speeds of crossings.
+def add_to_image(
+    image: Float[Array, "channels pixels"], jumps: Jumps, speeds: Float[Array, "2 edges"]
+) -> Float[Array, "channels pixels"]:
+    """Add the change of the image per unit of time, of all crossings in `jumps`, to `image`.
 
     The speed of a crossing is interpolated between the speeds at both ends of its edge. Speed times
-    jump is added to the crossing's pixel. `speeds` are as returned by `edge_speeds`.
+    jump is added to the crossing's pixel. `speeds` is as returned by `edge_speeds`.
     """
-    ends = materialized(_gather_speeds)(speeds, sweep.edge)
-    speed = materialized(_interpolate)(materialized(_repeat_lines)(ends), sweep.t)
-    add = materialized(functools.partial(_add_to_pixels, pixels=grid.height * grid.width))
-    image = [add(speed, jump, sweep.pixel) for jump in sweep.jump]
-    return jnp.stack(image, -1).reshape(grid.height, grid.width, -1)
+    change = materialized(_change)(jumps, speeds)
+    return jnp.stack(
+        [
+            channel.at[jumps.pixel.reshape(-1)].add(added.reshape(-1), mode="drop")
+            for channel, added in zip(image, change, strict=True)
+        ]
+    )
 
 
-def _gather_speeds(
-    speeds: tuple[Float[Array, " edges"], Float[Array, " edges"]], edge: Int[Array, " runs"]
+def _change(jumps: Jumps, speeds: Float[Array, "2 edges"]) -> Float[Array, "channels lines runs"]:
+    """Compute speed times jump of each crossing, for each channel."""
+    start, end = (speed[jumps.edge][None] for speed in speeds)
+    return jumps.jump * (start * (1.0 - jumps.t) + end * jumps.t)[None]
+
+
+def add_to_speeds(
+    speeds: Float[Array, "2 edges"], jumps: Jumps, image: Float[Array, "channels pixels"]
+) -> Float[Array, "2 edges"]:
+    """Add the contributions of all crossings in `jumps` to the cotangent of the speeds of edges.
+
+    This is the transpose of `add_to_image`, which maps `speeds` to `image`: here `image` is the
+    cotangent of the image.
+    """
+    at_start, at_end = materialized(_speed_cotangents)(jumps, image)
+    start, end = speeds
+    return jnp.stack([start.at[jumps.edge].add(at_start), end.at[jumps.edge].add(at_end)])
+
+
+def _speed_cotangents(
+    jumps: Jumps, image: Float[Array, "channels pixels"]
 ) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-    """Gather the speeds of `edge_speeds`, at the start and at the end, for each run's edge."""
-    return speeds[0][edge], speeds[1][edge]
-
-
-def _repeat_lines(
-    ends: tuple[Float[Array, " runs"], Float[Array, " runs"]],
-) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
-    """Repeat the speeds at both ends of each run's edge for every line of the run."""
-    # Not a broadcast: its transpose is a sum over lines that is not vectorised.
-    start, end = (jnp.concatenate([end[None]] * LINES) for end in ends)
-    return start, end
-
-
-def _interpolate(
-    ends: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
-    t: Float[Array, "lines runs"],
-) -> Float[Array, "lines runs"]:
-    """Speed of each crossing, from the speeds at the start and at the end of its edge.
-
-    The crossing lies at the fraction `t` (0..1) along the edge.
-    """
-    start, end = ends
-    return start * (1.0 - t) + end * t
-
-
-def _add_to_pixels(
-    speed: Float[Array, "lines runs"],
-    jump: Float[Array, "lines runs"],
-    pixel: Int[Array, "lines runs"],
-    *,
-    pixels: int,
-) -> Float[Array, " pixels"]:
-    """Sum speed times jump over the crossings of each pixel, for one channel.
-
-    Crossings whose `pixel` is past the last are dropped.
-    """
-    unchanged = jnp.zeros(pixels, speed.dtype)
-    return unchanged.at[pixel.reshape(-1)].add((jump * speed).reshape(-1), mode="drop")
+    """Compute the cotangents of the speeds at the start and at the end of each run's edge."""
+    at_pixel = jnp.zeros_like(jumps.t)
+    # Entries without a pixel get 0. Any pixel's value would not do: it may be NaN.
+    for channel, jump in zip(image, jumps.jump, strict=True):
+        at_pixel = at_pixel + jump * channel.at[jumps.pixel].get(mode="fill", fill_value=0)
+    return jnp.sum(at_pixel * (1.0 - jumps.t), 0), jnp.sum(at_pixel * jumps.t, 0)

@@ -1,7 +1,7 @@
 """Drop the runs of crossings that are hidden in an opaque scene, before they cost much.
 
 In most triangle soups most edges are hidden, and finding the visible triangles at each crossing is
-costly. So the edge's triangle of each run (`crossings.Runs`) is first compared with some rows of
+costly. So the edge's triangle of each run (`runs.Runs`) is first compared with some rows of
 samples: those that contain a sample inside the edge at a crossing of the run, each row cut to one
 tile. The run is dropped if everything that is visible in these rows is nearer than its triangle.
 """
@@ -18,7 +18,8 @@ from ..compositing.opaque import uncovered_words
 from ..coverage.depth_test import Depths
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .crossings import Runs, Sample
+from .crossings import Sample
+from .runs import Runs
 from .visible_front import Front, address, gather
 
 _RANGE_TOLERANCE, _DEPTH_TOLERANCE = 2.0**-8, 2.0**-16

@@ -1,6 +1,6 @@
 """Colours of layers at the samples of runs, from data that are gathered once per run and tile.
 
-A run is a group of successive crossings of one edge (`crossings.Runs`). Its samples on one side of
+A run is a group of successive crossings of one edge (`runs.Runs`). Its samples on one side of
 the edge lie in at most two tiles (`run_tiles`).
 """
 

@@ -1,6 +1,6 @@
 """Visit the layers of all samples of a run together, because they share the lists of their tiles.
 
-A run is a group of successive crossings of one edge (`crossings.Runs`); its samples here are the
+A run is a group of successive crossings of one edge (`runs.Runs`); its samples here are the
 samples outside the edge. The data of a layer are read once for all samples of a run. Only values
 that differ from sample to sample are computed for each sample. Layers are visited plane by plane: a
 plane has the layer masks for 32 successive entries of every tile's list (`layer_masks`).

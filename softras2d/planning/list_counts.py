@@ -17,7 +17,7 @@ from ..geometry.canvas_grid import Grid
 from ..geometry.fixed_point import Corners, Edges, GridTriangles, SampleBounds, corners_of
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
-from ..gradients.crossings import count_runs, is_steep, lines_crossed
+from ..gradients.runs import count_runs, is_steep, lines_crossed
 from ..options import Hard
 from ..scene import Scene
 from .effects import is_occluder, is_shaded, is_translucent

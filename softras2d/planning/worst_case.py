@@ -8,7 +8,7 @@ import numpy as np
 
 from ..binning.lists import BLOCK
 from ..geometry.tiling import Tiling
-from ..gradients.crossings import count_runs
+from ..gradients.runs import count_runs
 from .capacities import CHUNK_SIZES, Capacity
 
 

@@ -16,7 +16,7 @@ from ..binning.tiles import TileLists
 from ..coverage.depth_test import keep_nearest
 from ..coverage.sampled import coverage_words, gather_words, remove_hidden
 from ..geometry.tiling import Tiling
-from ..gradients.crossings import count_runs
+from ..gradients.runs import count_runs
 from ..gradients.visible_front import Front
 from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import Needs

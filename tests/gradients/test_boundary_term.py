@@ -306,10 +306,10 @@ def test_a_program_without_gradients_leaves_out_the_boundary_term():
     scene = random_scene("g")
     plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(4))
     program = jax.jit(lambda scene: sr.render_checked(scene, plan)[0])
-    assert "edge_slopes" not in str(program.lower(scene).compile().as_text())
+    assert "moving_edges" not in str(program.lower(scene).compile().as_text())
     total = weighted_sum(scene, plan, weights_of(scene))
     program = jax.jit(jax.grad(total))
-    assert "edge_slopes" in str(program.lower(scene.positions).compile().as_text())
+    assert "moving_edges" in str(program.lower(scene.positions).compile().as_text())
 
 
 def thin_triangles(seed: int, kind: str, corners: int) -> sr.Scene:

@@ -13,13 +13,14 @@ import pytest
 import softras2d as sr
 from softras2d.gradients.boundary_term import _without_hidden
 from softras2d.gradients.color_jumps import opaque_jumps
-from softras2d.gradients.crossings import Sample, find_crossings, list_runs
+from softras2d.gradients.crossings import Sample, find_crossings
 from softras2d.gradients.hidden_runs import (
     distance_range,
     farthest_visible_distance,
     keep_runs,
     may_be_visible,
 )
+from softras2d.gradients.runs import list_runs
 from softras2d.gradients.sample_colors import OpaqueSamples, SurfaceColors
 from softras2d.gradients.visible_front import triangle_at
 from softras2d.rendering.projected_scene import boundary_shape

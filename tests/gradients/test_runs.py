@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import softras2d as sr
-from softras2d.gradients.crossings import LINES, count_runs, find_crossings, list_runs
+from softras2d.gradients.crossings import find_crossings
 from softras2d.gradients.run_tiles import tiles_of_runs
+from softras2d.gradients.runs import LINES, count_runs, list_runs
 from softras2d.planning.worst_case import worst_case
 from softras2d.rendering.visible_samples import bin_scene
 
