@@ -214,19 +214,20 @@ def _change_by_edges(
     def forward(
         scene: _SceneParts, speeds: Float[Array, "2 edges"]
     ) -> Float[Array, "channels pixels"]:
-        unchanged = jnp.zeros((channels, grid.height * grid.width), speeds.dtype)
-        return _for_all_crossings(
+        unchanged = [jnp.zeros(grid.height * grid.width, speeds.dtype) for _ in range(channels)]
+        image = _for_all_crossings(
             shape, *scene, lambda image, jumps: add_to_image(image, jumps, speeds), unchanged
         )
+        return jnp.stack(image)
 
     def backward(
         scene: _SceneParts, image: Float[Array, "channels pixels"]
     ) -> Float[Array, "2 edges"]:
-        edges = scene[0].sides.steep.size
-        zeros = jnp.zeros((2, edges), image.dtype)
-        return _for_all_crossings(
+        zeros = [jnp.zeros(scene[0].sides.steep.size, image.dtype) for _ in range(2)]
+        speeds = _for_all_crossings(
             shape, *scene, lambda speeds, jumps: add_to_speeds(speeds, jumps, image), zeros
         )
+        return jnp.stack(speeds)
 
     image = linear_map(forward, backward)((crossed_edges, samples), speeds)
     return image.T.reshape(grid.height, grid.width, channels)

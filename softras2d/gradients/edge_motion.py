@@ -57,20 +57,22 @@ def edge_speeds(
 
 
 def add_to_image(
-    image: Float[Array, "channels pixels"], jumps: Jumps, speeds: Float[Array, "2 edges"]
-) -> Float[Array, "channels pixels"]:
+    image: list[Float[Array, " pixels"]], jumps: Jumps, speeds: Float[Array, "2 edges"]
+) -> list[Float[Array, " pixels"]]:
     """Add the change of the image per unit of time, of all crossings in `jumps`, to `image`.
 
     The speed of a crossing is interpolated between the speeds at both ends of its edge. Speed times
-    jump is added to the crossing's pixel. `speeds` is as returned by `edge_speeds`.
+    jump is added to the crossing's pixel.
+
+    - `image`: one array for each channel. (In a single array, each sum would copy all channels.)
+    - `speeds`: as returned by `edge_speeds`.
     """
+    pixel = jumps.pixel.reshape(-1)
     change = materialized(_change)(jumps, speeds)
-    return jnp.stack(
-        [
-            channel.at[jumps.pixel.reshape(-1)].add(added.reshape(-1), mode="drop")
-            for channel, added in zip(image, change, strict=True)
-        ]
-    )
+    return [
+        channel.at[pixel].add(added.reshape(-1), mode="drop")
+        for channel, added in zip(image, change, strict=True)
+    ]
 
 
 def _change(jumps: Jumps, speeds: Float[Array, "2 edges"]) -> Float[Array, "channels lines runs"]:
@@ -80,16 +82,18 @@ def _change(jumps: Jumps, speeds: Float[Array, "2 edges"]) -> Float[Array, "chan
 
 
 def add_to_speeds(
-    speeds: Float[Array, "2 edges"], jumps: Jumps, image: Float[Array, "channels pixels"]
-) -> Float[Array, "2 edges"]:
+    speeds: list[Float[Array, " edges"]], jumps: Jumps, image: Float[Array, "channels pixels"]
+) -> list[Float[Array, " edges"]]:
     """Add the contributions of all crossings in `jumps` to the cotangent of the speeds of edges.
 
-    This is the transpose of `add_to_image`, which maps `speeds` to `image`: here `image` is the
-    cotangent of the image.
+    This is the transpose of `add_to_image`, which maps speeds to an image: here `image` is the
+    cotangent of the image. `speeds` has the cotangents at the starts of all edges, and those at the
+    ends.
     """
-    at_start, at_end = materialized(_speed_cotangents)(jumps, image)
-    start, end = speeds
-    return jnp.stack([start.at[jumps.edge].add(at_start), end.at[jumps.edge].add(at_end)])
+    contributions = materialized(_speed_cotangents)(jumps, image)
+    return [
+        speed.at[jumps.edge].add(added) for speed, added in zip(speeds, contributions, strict=True)
+    ]
 
 
 def _speed_cotangents(
