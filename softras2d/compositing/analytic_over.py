@@ -209,7 +209,7 @@ def opacity_cotangent(
     """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     behind = dot_behind(alpha, _blend_dots(opacity, color_dots), chunks, max_chunks)
-    return _slot_cotangents(opacity, color_dots, in_front, behind, chunks)
+    return _opacity_cotangent_in_chunks(opacity, color_dots, in_front, behind, chunks)
 
 
 @materialized
@@ -238,7 +238,7 @@ def _blend_dots(opacity: Opacities, color_dots: Opacities) -> ChunkPixels:
 
 
 @materialized
-def _slot_cotangents(
+def _opacity_cotangent_in_chunks(
     opacity: Opacities,
     color_dots: Opacities,
     in_front: ChunkPixels,

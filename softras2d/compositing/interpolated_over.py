@@ -36,13 +36,13 @@ from .chunks_as_layers import (
     transmittance_in_front,
 )
 from .interpolated_slots import (
+    barycentric_cotangents,
     blend_interpolated,
     blend_interpolated_change,
-    corner_sums,
+    corner_color_cotangents,
     dot_interpolated,
     evaluate,
-    weigh_cotangent,
-    weights_cotangent,
+    slot_color_cotangents,
 )
 
 Fixed = tuple[Any, ...]
@@ -143,7 +143,7 @@ def _composite_jvp(max_chunks, weights, primals, tangents):
             opacity, corners, geometry, chunks, _, alpha = fixed
             in_front = transmittance_in_front(alpha, chunks, max_chunks)
             slot_weights = over.slot_weights(opacity, in_front)
-            return _slot_cotangents(
+            return _corner_cotangents(
                 weights, slot_weights, corners, geometry, chunks, cotangent, moves, recolors
             )
 
@@ -256,7 +256,7 @@ def _dot_with_cotangent(
     return map_blocks(dot_block, entries, chunks.needed, size=_CHUNKS)
 
 
-def _slot_cotangents(
+def _corner_cotangents(
     weights: PixelFunction,
     slot_weights: over.Opacities,
     corners: Float[Array, "9 slots"],
@@ -283,15 +283,17 @@ def _slot_cotangents(
     ) -> Float[Array, "rows slots"]:
         block_corners, block_geometry = gather_slots((list(corners), geometry), block)
         tile, block_weights = _gather_block(chunks.tile, slot_weights, block, slots_per_chunk)
-        weighted_cotangents = weigh_cotangent(_gather_tiles(cotangent, tile), block_weights)
-        parts = []
+        color_cotangents = slot_color_cotangents(_gather_tiles(cotangent, tile), block_weights)
+        row_cotangents = []
         if moves:
-            by_weights = weights_cotangent(weighted_cotangents, block_corners)
+            by_weights = barycentric_cotangents(color_cotangents, block_corners)
             no_parameter = jnp.zeros((), slot_weights.dtype)
-            parts += weights.vjp(block_geometry, no_parameter, by_weights)
+            row_cotangents += weights.vjp(block_geometry, no_parameter, by_weights)
         if recolors:
-            parts += corner_sums(weighted_cotangents, evaluate(weights, block_geometry))
-        return _put_rows(total, parts, block)
+            row_cotangents += corner_color_cotangents(
+                color_cotangents, evaluate(weights, block_geometry)
+            )
+        return _set_rows(total, row_cotangents, block)
 
     start = jnp.zeros((rows, slot_weights.shape[0]), slot_weights.dtype)
     return for_each_block(slot_weights != 0, visit, start, tile_pixels=slot_weights.shape[1])
@@ -337,11 +339,11 @@ def _gather_block(
 
 
 @materialized
-def _put_rows(
-    total: Float[Array, "rows slots"], parts: list[Float[Array, " block"]], block: Array
+def _set_rows(
+    total: Float[Array, "rows slots"], row_cotangents: list[Float[Array, " block"]], block: Array
 ) -> Float[Array, "rows slots"]:
     """Write the cotangents of a block of slots into those of all slots.
 
-    `parts` has one array for each row of `total`, and `block` the indices of the slots.
+    `row_cotangents` has one array for each row of `total`, and `block` the indices of the slots.
     """
-    return total.at[:, block].set(jnp.stack(parts), mode="drop")
+    return total.at[:, block].set(jnp.stack(row_cotangents), mode="drop")

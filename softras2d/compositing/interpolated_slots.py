@@ -103,24 +103,25 @@ def dot_interpolated(
 
 
 @materialized
-def weigh_cotangent(
+def slot_color_cotangents(
     tile_cotangents: list[Float[Array, "slots pixels"]], slot_weights: Float[Array, "slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Multiply the cotangents of red, green and blue by the weight of each slot in each pixel.
+    """Compute the cotangent of each slot's colour at each pixel, for red, green and blue in turn.
 
-    `slot_weights` is the factor of the slot's colour in the pixel: transmittance in front times
-    opacity.
+    - `tile_cotangents`: cotangent of the pixels of each slot's tile, one array per channel of RGBA.
+    - `slot_weights`: factor of the slot's colour in the pixel: transmittance in front times
+      opacity.
     """
     return [channel * slot_weights for channel in tile_cotangents[:3]]
 
 
 @materialized
-def weights_cotangent(
-    weighted_cotangents: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
+def barycentric_cotangents(
+    color_cotangents: list[Float[Array, "slots pixels"]], corners: list[Float[Array, " slots"]]
 ) -> Float[Array, "2 slots pixels"]:
     """Compute the cotangents of the barycentric weights of corners 1 and 2 at each pixel.
 
-    - `weighted_cotangents`: as returned by `weigh_cotangent`.
+    - `color_cotangents`: as returned by `slot_color_cotangents`.
     - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
     """
     return jnp.stack(
@@ -128,7 +129,7 @@ def weights_cotangent(
             sum(
                 (entry - first)[:, None] * channel
                 for entry, first, channel in zip(
-                    of_corner, corners[:3], weighted_cotangents, strict=True
+                    of_corner, corners[:3], color_cotangents, strict=True
                 )
             )
             for of_corner in (corners[3:6], corners[6:])
@@ -136,21 +137,21 @@ def weights_cotangent(
     )
 
 
-def corner_sums(
-    weighted_cotangents: list[Float[Array, "slots pixels"]], values: SlotWeights
+def corner_color_cotangents(
+    color_cotangents: list[Float[Array, "slots pixels"]], values: SlotWeights
 ) -> list[Float[Array, " slots"]]:
     """Compute the cotangents of the corners' colours, summed over the pixels of each slot.
 
     Returns red, green and blue of corners 0, 1 and 2 in turn.
 
-    - `weighted_cotangents`: as returned by `weigh_cotangent`.
+    - `color_cotangents`: as returned by `slot_color_cotangents`.
     - `values`: the weights of corners 1 and 2.
     """
     second, third = values
     sums = sum_pixels(
-        *weighted_cotangents,
-        *(c * second for c in weighted_cotangents),
-        *(c * third for c in weighted_cotangents),
+        *color_cotangents,
+        *(c * second for c in color_cotangents),
+        *(c * third for c in color_cotangents),
     )
     by_first = [a - b - c for a, b, c in zip(sums[:3], sums[3:6], sums[6:], strict=True)]
     return [*by_first, *sums[3:]]

@@ -33,8 +33,8 @@ from ..shading.surface import Surface
 from .sample_blocks import (
     Layer,
     ListedPairs,
-    all_bits,
     alpha_at_samples,
+    coverage_of_all_samples,
     interpolate_at_samples,
     layer_of_block,
     sum_covered,
@@ -279,7 +279,8 @@ def _add_behind(
     R_k + alpha (W - R_k), with W interpolated from `corner_values` (`_corner_values`); elsewhere it
     is R_k.
     """
-    opacity = all_bits(layer.words, tiling, value_behind.dtype) * alpha_at_samples(layer)
+    coverage = coverage_of_all_samples(layer.words, tiling, value_behind.dtype)
+    opacity = coverage * alpha_at_samples(layer)
     return value_behind + opacity * _value_difference(layer, corner_values, value_behind)
 
 

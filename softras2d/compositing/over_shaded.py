@@ -25,7 +25,7 @@ from ..shading.triangle_color import shade
 from .over import in_order_of_tiles
 from .sample_blocks import (
     ListedPairs,
-    all_bits,
+    coverage_of_all_samples,
     gather_block_words,
     sample_positions,
     sum_where_covered,
@@ -140,7 +140,7 @@ def _transmittance_behind(
 
     `words` are coverage words, one for each sub-row of each line (`sample_blocks`).
     """
-    return transmittance * (1.0 - alpha * all_bits(words, tiling, alpha.dtype))
+    return transmittance * (1.0 - alpha * coverage_of_all_samples(words, tiling, alpha.dtype))
 
 
 def _shade_block(

@@ -143,8 +143,8 @@ def transmittance_behind(
 
     The result is the transmittance in front of the next layer.
     """
-    bits = all_bits(layer.words, tiling, transmittance.dtype)
-    return transmittance * (1.0 - alpha_at_samples(layer) * bits)
+    coverage = coverage_of_all_samples(layer.words, tiling, transmittance.dtype)
+    return transmittance * (1.0 - alpha_at_samples(layer) * coverage)
 
 
 @functools.partial(materialized, static_argnames=("tiling", "corner"))
@@ -203,10 +203,10 @@ def _weights_of_lines(
     return weights_at(terms, *sample_positions(block, tiling))
 
 
-def bit_of_samples(
+def coverage_of_sample(
     words: UInt32[Array, " lines"], sub_column: int, tiling: Tiling, dtype: Any
 ) -> Float[Array, "width lines"]:
-    """Return 1 for each pixel of which one given sample is covered, else 0.
+    """Return the coverage of one given sample of each pixel: 1 if it is covered, else 0.
 
     `words` are the coverage words of one sub-row, and the sample is the one in column `sub_column`
     of this sub-row within the pixel.
@@ -216,10 +216,10 @@ def bit_of_samples(
     return ((words[None] >> position) & jnp.uint32(1)).astype(dtype)
 
 
-def all_bits(
+def coverage_of_all_samples(
     words: UInt32[Array, "sub_rows lines"], tiling: Tiling, dtype: Any
 ) -> Float[Array, "*samples"]:
-    """1 where a sample is covered, else 0, for all samples of a block.
+    """Return the coverage of all samples of a block: 1 where a sample is covered, else 0.
 
     `words` are the coverage words, one for each sub-row of each line.
     """
@@ -250,7 +250,7 @@ def sum_where_covered(
     """
     rate = tiling.grid.rate
     terms = [
-        values[i, j] * bit_of_samples(words[i], j, tiling, values.dtype)
+        values[i, j] * coverage_of_sample(words[i], j, tiling, values.dtype)
         for i in range(rate)
         for j in range(rate)
     ]

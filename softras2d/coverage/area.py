@@ -86,8 +86,8 @@ class AreaCoverage(AnalyticCoverage[Outline]):
         """
         total = jnp.zeros_like(x + y)
         for edge in geometry:
-            top, bottom, start, end = pixel_row_span(edge, x, y)
-            total = total + (bottom - top) * _clamped_mean(start, end)
+            start_y, end_y, start_x, end_x = pixel_row_span(edge, x, y)
+            total = total + (end_y - start_y) * _clamped_mean(start_x, end_x)
         return jnp.clip(total, 0.0, 1.0)
 
     def jvp(
@@ -117,7 +117,7 @@ class AreaCoverage(AnalyticCoverage[Outline]):
 
         The derivatives follow from the length of each edge in each pixel.
         """
-        in_tile = passes_tile(geometry, self.tile_side)
+        in_tile = edges_may_pass_tile(geometry, self.tile_side)
         swept = sum_along_edges(_weighted_lengths, geometry, in_tile, cotangent)
         return _gradient_of_swept(geometry, swept)
 
@@ -209,18 +209,19 @@ def pixel_row_span(
 ) -> tuple[Array, Array, Array, Array]:
     """Find where a clipped edge begins and ends within the row of each pixel.
 
-    `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns `(top,
-    bottom, start, end)` in pixels from the upper left of the pixel. `top` is y of the edge's start
-    and `bottom` y of its end, both clamped to 0..1; so `top` is the greater one if the edge goes
-    up, and the two are equal if the edge misses the row. `start` and `end` are x of the edge at
-    `top` and at `bottom`, which may be outside the pixel.
+    `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns
+    `(start_y, end_y, start_x, end_x)` in pixels from the upper left of the pixel. `start_y` and
+    `end_y` are y of the edge's start and end, both clamped to 0..1, so that they are equal if the
+    edge misses the row. `start_x` and `end_x` are x of the edge at `start_y` and at `end_y`, which
+    may be outside the pixel.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
-    top, bottom = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
+    start_y, end_y = jnp.clip(py, 0.0, 1.0), jnp.clip(qy, 0.0, 1.0)
     # Each x is computed from the nearer end point, so that an end in the pixel is not rounded.
-    start, end = px + (top - py) * edge.run_per_rise, qx + (bottom - qy) * edge.run_per_rise
-    return top, bottom, start, end
+    start_x = px + (start_y - py) * edge.run_per_rise
+    end_x = qx + (end_y - qy) * edge.run_per_rise
+    return start_y, end_y, start_x, end_x
 
 
 def _clamped_mean(start: Array, end: Array) -> Array:
@@ -289,7 +290,7 @@ def normal_speeds(edge: ClippedEdge, k: int, velocity: Coordinates) -> tuple[Arr
 
 
 @functools.partial(materialized, static_argnames=("side",))
-def passes_tile(
+def edges_may_pass_tile(
     outline: Outline, side: int
 ) -> tuple[Bool[Array, " slots"], Bool[Array, " slots"], Bool[Array, " slots"]]:
     """Whether each of the edges 0, 1 and 2 may pass through its slot's tile, by its bounding box.

@@ -26,9 +26,9 @@ from .area import (
     ClippedEdge,
     Outline,
     add_edge_gradient,
+    edges_may_pass_tile,
     interval_in_pixel,
     normal_speeds,
-    passes_tile,
     pixel_row_span,
 )
 from .edge_lines import TriangleLines
@@ -122,7 +122,7 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         x, y, inverse_area = _centroids(geometry, parameter, self.tile_side)
         gx, gy = _weighted_gradient(geometry, inverse_area, cotangent)
         moments = sum_over_pixels(_moments_inside, geometry, parameter, x, y, gx, gy)
-        in_tile = passes_tile(geometry.outline, self.tile_side)
+        in_tile = edges_may_pass_tile(geometry.outline, self.tile_side)
         swept = sum_along_edges(_terms_along, geometry.outline, in_tile, x, y, inverse_area, gx, gy)
         return _gradient_of_sums(geometry, moments, swept)
 
