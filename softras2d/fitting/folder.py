@@ -49,14 +49,14 @@ class Batch(NamedTuple):
     - `number`: index of the batch, in an order that depends on the folder alone.
     - `size`: the size in pixels to which its pictures are shrunk.
     - `pictures`: the files of the pictures.
-    - `first_seed`: index of its first picture among the pictures of all batches. The seed of a
+    - `first_index`: index of its first picture among the pictures of all batches. The seed of a
       picture's fit is the seed of the command plus the index of the picture.
     """
 
     number: int
     size: SizeClass
     pictures: tuple[Path, ...]
-    first_seed: int
+    first_index: int
 
 
 class Fitted(NamedTuple):
@@ -129,12 +129,12 @@ def make_batches(
             groups[size_class(*image_size(picture), size)].append(picture)
         except ValueError as error:
             fail(str(error))
-    batches, seed = [], 0
+    batches, index = [], 0
     for kind in sorted(groups):
         for first in range(0, len(groups[kind]), count):
             members = tuple(groups[kind][first : first + count])
-            batches.append(Batch(len(batches), kind, members, seed))
-            seed += len(members)
+            batches.append(Batch(len(batches), kind, members, index))
+            index += len(members)
     return batches
 
 
@@ -154,7 +154,7 @@ def fit_pictures(
     - `folder`: folder of the results. The files of NAME.jpg are NAME.svg and then NAME.json.
     - `count`: number of fits in every batch. A batch with fewer pictures is filled up with copies
       of its first readable picture, so that all batches of a size class share a program.
-    - `seed`: the seed of the command; see `Batch.first_seed`.
+    - `seed`: the seed of the command; see `Batch.first_index`.
     - `fail(line)`: called with a message of one line for each picture that cannot be read.
     - `compiles_first`: whether programs are compiled before the fit, by a fit of one step, so that
       a limit of `seconds` counts fitting alone.
@@ -179,7 +179,7 @@ def fit_pictures(
     substitute = next(iter(images.values()))
     targets = [images.get(picture, substitute) for picture in batch.pictures]
     targets += [substitute] * (count - len(targets))
-    settings = settings | {"seed": seed + batch.first_seed, "devices": devices}
+    settings = settings | {"seed": seed + batch.first_index, "devices": devices}
     if compiles_first:
         one_step: dict[str, Any] = settings | {"steps": 1, "seconds": None}
         if fit_batch(targets, **one_step)[0].interrupted:
@@ -189,7 +189,7 @@ def fit_pictures(
         raise KeyboardInterrupt
     for index, picture in enumerate(batch.pictures):
         if picture in images and picture in wanted:
-            _write(results[index], picture, folder, seed + batch.first_seed + index)
+            _write(results[index], picture, folder, seed + batch.first_index + index)
             yield Fitted(picture, results[index].psnr, results[index].ssim)
 
 

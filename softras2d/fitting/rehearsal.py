@@ -22,7 +22,7 @@ _LEAST_TIME_LEFT = 3.0
 """Least time until the last step for a rehearsal to begin, as a multiple of the time that the end
 of the fit takes. A rehearsal that begins later would delay the end."""
 
-_COMPILED = 3.0
+_COMPILED_TIME_FACTOR = 3.0
 """Multiple of the expected duration of a rehearsal.
 
 A rehearsal that takes longer must have compiled a program, so its duration is measured again."""
@@ -106,7 +106,7 @@ class Rehearsal:
         """
         with jax.enable_x64(False):
             psnr, seconds = self._timed(scene)
-            if seconds > _COMPILED * self.result():
+            if seconds > _COMPILED_TIME_FACTOR * self.result():
                 psnr, seconds = self._timed(scene)
             return psnr, seconds
 

@@ -32,8 +32,8 @@ class Score(NamedTuple):
     ssim: float
 
 
-_MAX_PIXELS = 2**20
-"""Largest number of pixels for which SSIM is computed at once; larger images are cut in strips."""
+_STRIP_PIXELS = 2**20
+"""Pixels of a strip, in which SSIM is computed at once; larger images are cut into strips."""
 
 _HEADROOM = 1.5
 """Capacity of a plan for scoring, as a multiple of what its scene needs.
@@ -129,12 +129,12 @@ def psnr_and_ssim(
 def strips(height: int, width: int) -> list[slice]:
     """Cut an image into strips of rows such that each window of SSIM lies in exactly one strip.
 
-    Returns the rows of each strip. Strips overlap, because windows do. Each has about `_MAX_PIXELS`
-    pixels or, at the end, fewer; a small image is one strip.
+    Returns the rows of each strip. Strips overlap, because windows do. Each has about
+    `_STRIP_PIXELS` pixels or, at the end, fewer; a small image is one strip.
     """
-    if height * width <= _MAX_PIXELS:
+    if height * width <= _STRIP_PIXELS:
         return [slice(0, height)]
-    step = max(WINDOW, _MAX_PIXELS // width)
+    step = max(WINDOW, _STRIP_PIXELS // width)
     last = height - WINDOW + 1
     return [
         slice(first, min(first + step, last) + WINDOW - 1) for first in range(0, last, step)

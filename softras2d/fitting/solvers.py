@@ -142,11 +142,11 @@ def solver_of(solver: str | Solver, *, learning_rate: float = 0.02) -> Solver:
         raise ValueError(
             f"`solver` must be an optimistix solver or one of {names}; got {solver!r:.60}."
         )
-    return _by_name(solver, learning_rate)
+    return _cached_solver(solver, learning_rate)
 
 
 @functools.cache
-def _by_name(solver: str, learning_rate: float) -> Solver:
-    # Cached, because optax makes new functions at each call, and each would be compiled anew.
+def _cached_solver(solver: str, learning_rate: float) -> Solver:
     """Make the solver that a name from `SOLVERS` stands for, once for each set of arguments."""
+    # Cached, because optax makes new functions at each call, and each would be compiled anew.
     return SOLVERS[solver].make(learning_rate)

@@ -101,7 +101,9 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
     guard = np.array(drawing.grid.guard, positions.dtype)
     # Snapping moves a vertex by less than a pixel, so this needs no snapped corners.
     if all(
-        _lies_between(positions[:, axis] - origin[axis].astype(positions.dtype), *guard[:, axis])
+        _lies_a_pixel_inside(
+            positions[:, axis] - origin[axis].astype(positions.dtype), *guard[:, axis]
+        )
         for axis in (0, 1)
     ):
         return np.ones(len(triangles), bool)
@@ -109,7 +111,7 @@ def _within_guard_band(drawing: Drawing) -> np.ndarray:
     return np.asarray(within_guard(corners, drawing.grid))
 
 
-def _lies_between(coordinates: np.ndarray, low: np.floating, high: np.floating) -> bool:
+def _lies_a_pixel_inside(coordinates: np.ndarray, low: np.floating, high: np.floating) -> bool:
     """Whether all coordinates, in pixels, are at least a pixel inside `low..high`.
 
     It is false if one of them is NaN, and true if there are no coordinates.

@@ -23,20 +23,20 @@ from .texel_filters import TEXEL_FILTERS, AbstractTexelFilter
 class Lookup(NamedTuple):
     """Static settings of a texture lookup: how texels are mixed, and what lies beyond the border.
 
-    - `pixel`: name of the filter within a mip level, as in `Filter.pixel`.
+    - `filter_name`: name of the filter within a mip level, as in `Filter.pixel`.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
     - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
       1).
     """
 
-    pixel: PixelFilter
+    filter_name: PixelFilter
     border: TextureBorder
     addressing: TextureAddressing
 
     @property
     def filter(self) -> AbstractTexelFilter:
         """The filter that mixes texels along each axis."""
-        return TEXEL_FILTERS[self.pixel]
+        return TEXEL_FILTERS[self.filter_name]
 
     @property
     def is_periodic(self) -> bool:

@@ -49,7 +49,7 @@ class TiledPlan:
     - `cut`: the canvas and its windows, each a square of the canvas that is drawn by itself.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `border`: width, in pixels, of the margin that is drawn around each window, for gradients with
-      respect to positions; 0 for none (`Cut.frame`).
+      respect to positions; 0 for none (`Cut.drawn_window`).
     - `lists`: indices of the triangles of each window.
     - `plans`: for each size class, a number of triangles after padding (`pieces.piece_class`), the
       plan of the windows whose triangles are padded to this number.
@@ -84,16 +84,16 @@ class TiledPlan:
     def plan_at(self, number: int) -> Plan:
         """The plan with which the window of this number is drawn.
 
-        The canvas of this plan is the frame of the window, the window with its border.
+        The canvas of this plan is the drawn window, which is the window with its border.
         """
         plan = self.plans[self._class_of(number)]
-        frame = self.cut.frame(number, self.border)
-        return _at_origin(plan, self.origin + np.array([frame.x, frame.y], np.int32))
+        drawn = self.cut.drawn_window(number, self.border)
+        return _at_origin(plan, self.origin + np.array([drawn.x, drawn.y], np.int32))
 
     def offset_of(self, number: int) -> tuple[int, int]:
-        """Row and column, in its frame, of the first pixel of the window of this number."""
-        window, frame = self.cut.window(number), self.cut.frame(number, self.border)
-        return window.y - frame.y, window.x - frame.x
+        """Row and column, in the drawn window, of the first pixel of the window of this number."""
+        window, drawn = self.cut.window(number), self.cut.drawn_window(number, self.border)
+        return window.y - drawn.y, window.x - drawn.x
 
     def triangles_of(self, number: int) -> Int[np.ndarray, " triangles"]:
         """Indices, in the planned scene, of the triangles of a window, in draw order.
@@ -223,7 +223,7 @@ def _grids(cut: Cut, border: int, coverage: Coverage, grid_bits: int | None) -> 
     width of the border, in pixels, and `grid_bits` is the argument of `plan_tiles`.
     """
     rate = coverage.rate
-    *_, height, width = cut.frame(0, border)
+    *_, height, width = cut.drawn_window(0, border)
     finest = Grid.for_canvas(height, width, rate).bits
     bits = grid_bits
     if bits is None:
@@ -276,11 +276,11 @@ class _Windows(NamedTuple):
 
     def drawing(self, number: int) -> Drawing:
         """The triangles of the window of this number, on a canvas of the window with its border."""
-        frame = self.cut.frame(number, self.border)
+        drawn = self.cut.drawn_window(number, self.border)
         return self.canvas._replace(
             scene=take_piece(self.canvas.scene, self.lists.triangles_of(number)).scene,
             grid=self.grid,
-            origin=self.canvas.origin + np.array([frame.x, frame.y], np.int32),
+            origin=self.canvas.origin + np.array([drawn.x, drawn.y], np.int32),
         )
 
     def groups(self) -> dict[int, list[int]]:

@@ -17,8 +17,11 @@ from .plan_tiles import TiledPlan, host_scene
 from .render_tiles import outgrown_error, piece_of, put_on_device, start_in_turns
 from .windows import Window
 
-_OF_TRIANGLES = ("colors", "uv")
-_OF_VERTICES = ("positions", "depth", "inverse_w")
+_TRIANGLE_FIELDS = ("colors", "uv")
+"""Fields of `Scene` that are arrays of floats with one row per triangle."""
+
+_VERTEX_FIELDS = ("positions", "depth", "inverse_w")
+"""Fields of `Scene` that are arrays of floats with one row per vertex."""
 
 
 def tiled_value_and_grad(
@@ -104,7 +107,9 @@ def _zeros(scene: Scene) -> dict[str, np.ndarray]:
 
     The name is that of the field of `Scene`; for the textures it is "texels".
     """
-    names = [name for name in (*_OF_TRIANGLES, *_OF_VERTICES) if getattr(scene, name) is not None]
+    names = [
+        name for name in (*_TRIANGLE_FIELDS, *_VERTEX_FIELDS) if getattr(scene, name) is not None
+    ]
     sums: dict[str, np.ndarray] = {
         name: np.zeros(getattr(scene, name).shape) for name in (*names, "background")
     }
@@ -127,7 +132,7 @@ def _add(sums: dict[str, np.ndarray], piece: Piece, gradient: Scene) -> None:
         elif name == "background":
             total += np.asarray(gradient.background)
         else:
-            index = piece.triangle if name in _OF_TRIANGLES else piece.vertex
+            index = piece.triangle if name in _TRIANGLE_FIELDS else piece.vertex
             # The witness of `Area("sum")` comes last, and is no entry of the scene.
             index = index[index < len(total)]
             np.add.at(total, index, np.asarray(getattr(gradient, name))[: len(index)])

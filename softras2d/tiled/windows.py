@@ -68,17 +68,17 @@ class Cut:
         y, x = row * self.tile, column * self.tile
         return Window(number, x, y, min(self.tile, self.height - y), min(self.tile, self.width - x))
 
-    def frame(self, number: int, border: int) -> Window:
+    def drawn_window(self, number: int, border: int) -> Window:
         """The pixels that are drawn for the window of this number: the window and a border.
 
-        `border` is the width of the border, in pixels. All frames have one size.
+        `border` is the width of the border, in pixels. All drawn windows have one size.
 
-        With a border, no frame reaches beyond the canvas: frames at the border of the canvas are
+        With a border, none of them reaches beyond the canvas: those at the border of the canvas are
         shifted onto it. The derivative of an edge within half a sample of the border of the canvas
         compares colours at the last sample of the canvas, not at a sample beyond it.
 
-        Without a border, frames begin where their windows begin, and those of the last row and
-        column may reach beyond the canvas.
+        Without a border, they begin where the windows of the cut begin, and those of the last row
+        and column may reach beyond the canvas.
         """
         window = self.window(number)
         if border == 0:

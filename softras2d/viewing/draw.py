@@ -28,7 +28,8 @@ from .view import View
 
 T = TypeVar("T")
 
-_COMPILED = "/jax/core/compile/backend_compile_duration"
+_COMPILE_EVENT = "/jax/core/compile/backend_compile_duration"
+"""Event by which JAX reports the duration of each compilation."""
 
 
 class Picture(NamedTuple):
@@ -134,7 +135,7 @@ def compile_times() -> Iterator[list[float]]:
     thread = threading.get_ident()
 
     def listen(event: str, duration_secs: float, **_: str | int) -> None:
-        if event == _COMPILED and threading.get_ident() == thread:
+        if event == _COMPILE_EVENT and threading.get_ident() == thread:
             seconds.append(duration_secs)
 
     jax.monitoring.register_event_duration_secs_listener(listen)

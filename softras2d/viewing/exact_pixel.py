@@ -53,7 +53,7 @@ def exact_pixel(scene: Scene, column: int, row: int) -> list[float] | None:
     for number in np.flatnonzero(touches)[::-1].tolist():
         remaining = []
         for polygon, transmittance in pieces:
-            covered, uncovered = _cut(polygon, _counterclockwise(corners[number]))
+            covered, uncovered = _cut(polygon, _positively_oriented(corners[number]))
             remaining += [(outside, transmittance) for outside in uncovered]
             if covered:
                 area, centroid = _area_and_centroid(covered)
@@ -142,7 +142,7 @@ def _area_and_centroid(polygon: list[_Point]) -> tuple[float, _Point]:
     return area, (x + moment_x / area, y + moment_y / area)
 
 
-def _counterclockwise(corners: Float[np.ndarray, "3 2"]) -> list[_Point]:
+def _positively_oriented(corners: Float[np.ndarray, "3 2"]) -> list[_Point]:
     """The corners of a triangle, in the order that has positive area."""
     (ax, ay), (bx, by), (cx, cy) = corners.tolist()
     is_positive = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0

@@ -101,7 +101,7 @@ def inspect_pixel(
         "rate": rate,
         "value": value.tolist(),
         "samples": [
-            {"triangle": _name(triangle, index), "color": color.tolist()}
+            {"triangle": _scene_index(triangle, index), "color": color.tolist()}
             for triangle, color in zip(
                 layers.triangle[center, center, :, 0].tolist(), colors[center, center], strict=True
             )
@@ -236,7 +236,7 @@ def list_layers(
             if name != "triangle"
         }
         row = {
-            "triangle": _name(triangle, index),
+            "triangle": _scene_index(triangle, index),
             "samples": sample.tolist(),
             "coverage": float(pixel_arrays["coverage"][sample, layer].sum() / len(triangles)),
             "weights": mean["weights"].tolist(),
@@ -259,7 +259,7 @@ def _grid_bits(view: View, settings: Settings) -> int | None:
     return Grid.for_canvas(view.height, view.width, settings.hard().rate).bits
 
 
-def _name(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:
+def _scene_index(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:
     """Index in the complete scene of a triangle of the window; -1 for the background.
 
     `triangle` is the index in the window, and `index` has the indices in the complete scene.
@@ -286,7 +286,7 @@ def _edges(
     positions = np.asarray(scene.positions, np.float64) - [window.x, window.y]
     corners = positions[np.asarray(scene.triangles)]
     return [
-        {"triangle": _name(triangle, index), "corners": corners[triangle].tolist()}
+        {"triangle": _scene_index(triangle, index), "corners": corners[triangle].tolist()}
         for triangle in named.tolist()
         if triangle >= 0
     ]

@@ -65,7 +65,7 @@ def test_batches_depend_on_the_folder_alone(tmp_path):
     assert sum(len(batch.pictures) for batch in batches) == 7
     assert [batch.number for batch in batches] == list(range(len(batches)))
     assert all(1 <= len(batch.pictures) <= 2 for batch in batches)
-    seeds = [batch.first_seed + k for batch in batches for k in range(len(batch.pictures))]
+    seeds = [batch.first_index + k for batch in batches for k in range(len(batch.pictures))]
     assert seeds == list(range(7))
     clear = np.zeros((40, 64, 4), np.float32)
     assert (shrunken(clear, batches[0].size) == 1).all()
@@ -96,7 +96,7 @@ def test_a_time_limit_counts_no_compilation(compiles_first, tmp_path, monkeypatc
         )  # fmt: skip
     limits = [(call.get("steps"), call["seconds"]) for call in calls]
     assert limits == [(1, None)] * compiles_first + [(None, 1.5)]
-    assert all(c["triangles"] == 8 and c["seed"] == batch.first_seed for c in calls)
+    assert all(c["triangles"] == 8 and c["seed"] == batch.first_index for c in calls)
 
 
 def start(folder: Path, output: Path, cache: Path, *options: str) -> subprocess.Popen:

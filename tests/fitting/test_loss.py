@@ -121,7 +121,7 @@ def test_large_images_are_scored_in_strips(monkeypatch):
     image = jnp.clip(target + jnp.asarray(rng.normal(0, 0.1, target.shape), jnp.float32), 0, 1)
     whole = score.psnr_and_ssim(image, target)
     for pixels in (20 * 11, 20 * 17, 20 * 40):
-        monkeypatch.setattr(score, "_MAX_PIXELS", pixels)
+        monkeypatch.setattr(score, "_STRIP_PIXELS", pixels)
         strips = score.strips(61, 20)
         assert len(strips) > 1 and strips[-1].stop == 61
         np.testing.assert_allclose(score.psnr_and_ssim(image, target), whole, rtol=1e-5)

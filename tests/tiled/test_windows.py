@@ -43,18 +43,18 @@ def test_windows_tile_the_canvas():
 
 
 @pytest.mark.parametrize("size", [(HEIGHT, WIDTH), (1, 64), (64, 65), (66, 130), (20, 300)])
-def test_frames_are_windows_with_their_border_on_the_canvas(size):
+def test_drawn_windows_are_windows_with_their_border_on_the_canvas(size):
     height, width = size
     cut = Cut(height, width, TILE)
     for window in cut:
-        frame = cut.frame(window.number, 1)
-        assert (frame.height, frame.width) == tuple(min(side, TILE + 2) for side in size)
-        for drawn, shown, side in (
-            (frame.rows, window.rows, cut.height),
-            (frame.columns, window.columns, cut.width),
+        drawn = cut.drawn_window(window.number, 1)
+        assert (drawn.height, drawn.width) == tuple(min(side, TILE + 2) for side in size)
+        for drawn_slice, shown, side in (
+            (drawn.rows, window.rows, cut.height),
+            (drawn.columns, window.columns, cut.width),
         ):
-            assert 0 <= drawn.start <= max(shown.start - 1, 0)
-            assert min(shown.stop + 1, side) <= drawn.stop <= side
+            assert 0 <= drawn_slice.start <= max(shown.start - 1, 0)
+            assert min(shown.stop + 1, side) <= drawn_slice.stop <= side
 
 
 def test_a_piece_has_the_corners_and_colors_of_its_triangles():

@@ -40,7 +40,8 @@ class Context:
     - `display`: the shapes that have been drawn so far.
     - `background`: sRGB colour of the scene's background, from the root or from a rect that covers
       the canvas; None for white.
-    - `elements`: number of elements of each name that are not supported, in dialect `course`.
+    - `unsupported_elements`: number of elements of each name that are not supported, in dialect
+      `course`.
     - `ignored`: number of times that each attribute or function had no effect, in dialect `course`.
     """
 
@@ -54,7 +55,7 @@ class Context:
     assets: Assets
     display: DisplayList
     background: tuple[float, float, float] | None = None
-    elements: Counter[str] = field(default_factory=Counter)
+    unsupported_elements: Counter[str] = field(default_factory=Counter)
     ignored: Counter[str] = field(default_factory=Counter)
 
     def declare_texture(self, attributes: Attributes) -> None:
@@ -70,8 +71,8 @@ class Context:
         Returns None if there is nothing to name.
         """
         causes = []
-        if self.elements:
-            causes.append(f"not drawn: {_counts(self.elements)}")
+        if self.unsupported_elements:
+            causes.append(f"not drawn: {_counts(self.unsupported_elements)}")
         if self.ignored:
             causes.append(f"without effect: {_counts(self.ignored)}")
         if count := self.display.approximated:

@@ -36,7 +36,7 @@ class FillSource(NamedTuple):
 
     - `element`: the shape element.
     - `path`: the path of the element, in user units.
-    - `outline`: `path`, flattened to polygons.
+    - `flat_path`: `path`, flattened to polygons.
     - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
     - `is_from_attribute`: whether the path is written in an attribute, instead of in the CSS
       property `d`.
@@ -44,7 +44,7 @@ class FillSource(NamedTuple):
 
     element: Element
     path: Path
-    outline: FlatPath
+    flat_path: FlatPath
     map3: np.ndarray
     is_from_attribute: bool
 
@@ -77,32 +77,32 @@ class Painter:
         if style.visibility != "visible":
             return
         linear = placement.map3[:2, :2] / (placement.map3[2, 2] or 1.0)
-        outline = flatten(path, linear, self._page.tolerance, self._page.budget)
+        flat_path = flatten(path, linear, self._page.tolerance, self._page.budget)
         for kind in style.paint_order:
             if kind == "fill":
-                self._fill(element, path, outline, style, placement, opacity)
+                self._fill(element, path, flat_path, style, placement, opacity)
             else:
-                self._stroke(element, outline, style, placement, opacity)
+                self._stroke(element, flat_path, style, placement, opacity)
 
     def _fill(
-        self, element: Element, original: Path, path: FlatPath, style: Style, placement: Placement,
-        opacity: float,
+        self, element: Element, path: Path, flat_path: FlatPath, style: Style,
+        placement: Placement, opacity: float,
     ) -> None:  # fmt: skip
         """Fill a path, if its style has a fill, and add the fill to the sink, clipped.
 
-        `original` is the path, and `path` the same path flattened to polygons. The other arguments
-        are as for `paint`. Contours of fewer than three points are not filled, and a `line` never
-        is. If sources are kept, what is filled is appended to `sources`.
+        `flat_path` is `path`, flattened to polygons. The other arguments are as for `paint`.
+        Contours of fewer than three points are not filled, and a `line` never is. If sources are
+        kept, what is filled is appended to `sources`.
         """
-        if style.fill is None or element.name == "line" or len(path.points) < 3:
+        if style.fill is None or element.name == "line" or len(flat_path.points) < 3:
             return
         fill = self._resolved(
-            element, "fill", style.fill, style, style.fill_opacity * opacity, path, placement
+            element, "fill", style.fill, style, style.fill_opacity * opacity, flat_path, placement
         )
         if fill is None:
             return
-        points = affine_maps.apply(placement.map3, path.points)
-        contours = [contour for contour in path.contours(points) if len(contour) > 2]
+        points = affine_maps.apply(placement.map3, flat_path.points)
+        contours = [contour for contour in flat_path.contours(points) if len(contour) > 2]
         if not contours:
             return
         evenodd = style.fill_rule == "evenodd"
@@ -110,8 +110,9 @@ class Painter:
         if self.keeps_sources:
             source = len(self.sources)
             is_from_attribute = "d" not in self._page.declared(element).css
-            source_of_fill = FillSource(element, original, path, placement.map3, is_from_attribute)
-            self.sources.append(source_of_fill)
+            self.sources.append(
+                FillSource(element, path, flat_path, placement.map3, is_from_attribute)
+            )
         clips = placement.clip is not None and placement.may_clip(np.concatenate(contours))
         if not isinstance(fill, Gradient) and not clips:
             placement.sink.add_polygon(contours, fill, evenodd, source)
@@ -120,26 +121,37 @@ class Painter:
         self._add_region(region, fill, placement, source)
 
     def _stroke(
-        self, element: Element, path: FlatPath, style: Style, placement: Placement, opacity: float
+        self,
+        element: Element,
+        flat_path: FlatPath,
+        style: Style,
+        placement: Placement,
+        opacity: float,
     ) -> None:
         """Stroke a path, if its style has a stroke, and add the stroke to the sink, clipped.
 
-        `path` is flattened to polygons. The other arguments are as for `paint`. A stroke of width 0
-        is not drawn.
+        `flat_path` is the path, flattened to polygons. The other arguments are as for `paint`. A
+        stroke of width 0 is not drawn.
         """
-        if style.stroke is None or style.stroke_width <= 0 or len(path.points) == 0:
+        if style.stroke is None or style.stroke_width <= 0 or len(flat_path.points) == 0:
             return
         paint = self._resolved(
-            element, "stroke", style.stroke, style, style.stroke_opacity * opacity, path, placement
+            element,
+            "stroke",
+            style.stroke,
+            style,
+            style.stroke_opacity * opacity,
+            flat_path,
+            placement,
         )
         if paint is None:
             return
-        points, map3, scale = path.points, placement.map3, placement.scale
+        points, map3, scale = flat_path.points, placement.map3, placement.scale
         if style.vector_effect == "non-scaling-stroke":
             # The width is in pixels of the canvas, at whatever size the drawing is shown, as in
             # Chromium.
             scale, points, map3 = 1.0, affine_maps.apply(map3, points), affine_maps.identity()
-        outlines = self._outlines(element, path, points, style, scale)
+        outlines = self._outlines(element, flat_path, points, style, scale)
         if not outlines:
             return
         reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
@@ -151,19 +163,19 @@ class Painter:
         self._add_region(region, paint, placement, -1)
 
     def _outlines(
-        self, element: Element, path: FlatPath, points: np.ndarray, style: Style, scale: float
+        self, element: Element, flat_path: FlatPath, points: np.ndarray, style: Style, scale: float
     ) -> list[Outline]:
         """The outlines to stroke for a path: one for each contour, or one for each dash.
 
-        - `path`, `points`: the flattened path, and its points in user units or in pixels.
+        - `flat_path`, `points`: the flattened path, and its points in user units or in pixels.
         - `style`: gives the properties of the stroke, and the dashes.
         - `scale`: pixels per unit of `points`.
 
         A contour of a single point has no outline unless it is closed.
         """
         outlines = []
-        contours, closed_contours = path.contours(points), path.closed.tolist()
-        chains = zip(contours, path.contours(path.smooth), closed_contours, strict=True)
+        contours, closed_contours = flat_path.contours(points), flat_path.closed.tolist()
+        chains = zip(contours, flat_path.contours(flat_path.smooth), closed_contours, strict=True)
         pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
         if pattern and "pathLength" in element.attrib:
             pattern, offset = self._scaled_dashes(element, contours, closed_contours, style)
@@ -274,14 +286,14 @@ class Painter:
 
     def _resolved(
         self, element: Element, name: str, paint: Any, style: Style, opacity: float,
-        path: FlatPath, placement: Placement,
+        flat_path: FlatPath, placement: Placement,
     ) -> Fill:  # fmt: skip
         """Resolve the paint of a shape's fill or stroke to a colour or a gradient.
 
         - `name`: `fill` or `stroke`.
         - `paint`: value of this property, a `style.Paint`.
         - `opacity`: factor of the alpha, in 0..1.
-        - `path`: the flattened shape, whose bounding box a gradient may need.
+        - `flat_path`: the flattened shape, whose bounding box a gradient may need.
         - `placement`: has the map to pixels.
 
         If the reader does not apply opacities, `opacity` is ignored and the paint is opaque.
@@ -294,11 +306,13 @@ class Painter:
             server = self._page.target(paint.reference)
             report = self._page.report(element)
             if server is not None and server.name in GRADIENTS:
-                fill = gradient_fill(self._page, server, _bounds(path), placement.map3, opacity)
+                fill = gradient_fill(
+                    self._page, server, _bounds(flat_path), placement.map3, opacity
+                )
                 if fill is not False:
                     return fill
             elif server is not None and server.name == "pattern":
-                if pattern_applies(server, _bounds(path)):
+                if pattern_applies(server, _bounds(flat_path)):
                     report(WITHOUT_EFFECT, name, "patterns are not drawn")
             elif paint.fallback is False:
                 report(INVALID, name, f"refers to no paint ({paint.reference[:40]!r})")
@@ -318,7 +332,7 @@ def paints_both(style: Style) -> bool:
     return style.fill is not None and style.stroke is not None and style.stroke_width > 0
 
 
-def _bounds(path: FlatPath) -> Box:
+def _bounds(flat_path: FlatPath) -> Box:
     """The bounding box of a path's points, without its stroke, in user units."""
-    low, high = path.points.min(axis=0).tolist(), path.points.max(axis=0).tolist()
+    low, high = flat_path.points.min(axis=0).tolist(), flat_path.points.max(axis=0).tolist()
     return Box(low[0], low[1], high[0] - low[0], high[1] - low[1])

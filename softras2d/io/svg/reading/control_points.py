@@ -252,12 +252,12 @@ def _source_points(
     """
     controls, weights, linear, offset = [], [], [], []
     for source in sources:
-        count = len(source.outline.points)
+        count = len(source.flat_path.points)
         start = first.get(id(source.element), -1)
-        within_path = source.outline.controls
+        within_path = source.flat_path.controls
         is_controlled = (within_path >= 0) & (start >= 0)
         controls.append(np.where(is_controlled, within_path + start, -1))
-        weights.append(source.outline.weights)
+        weights.append(source.flat_path.weights)
         if source.map3[2, :2].any():
             raise ValueError(
                 "control points have no affine map under a `transform` in perspective."
@@ -289,7 +289,7 @@ def _matching_rows(
         return np.full(len(vertices), -1)
     mapped, owner = [], []
     for index, shape in enumerate(sources):
-        homogeneous = shape.outline.points @ shape.map3[:, :2].T + shape.map3[:, 2]
+        homogeneous = shape.flat_path.points @ shape.map3[:, :2].T + shape.map3[:, 2]
         mapped.append(homogeneous[:, :2] / homogeneous[:, 2:])
         owner.append(np.full(len(homogeneous), index))
     # Adding zero makes -0 and 0 the same bits.

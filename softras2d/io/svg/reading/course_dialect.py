@@ -68,7 +68,7 @@ class CourseReader:
             self._context.declare_texture(attributes)
             return Children.NAMED
         if tag != "g" and tag not in self._shapes:
-            self._context.elements[tag] += 1
+            self._context.unsupported_elements[tag] += 1
             return Children.SKIPPED
         map3 = self._maps[-1]
         if "transform" in attributes:
@@ -85,7 +85,7 @@ class CourseReader:
         Elements for which `_is_silent` is true are not counted.
         """
         if not _is_silent(tag, attributes):
-            self._context.elements[tag] += 1
+            self._context.unsupported_elements[tag] += 1
 
     def close(self) -> None:
         """Leave a group or the root. At the end of the root, draw the frame if `context.frame`.
