@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import softras2d as sr
-from softras2d.comparison.screenshot import FAR, screenshot
+from softras2d.comparison.screenshot import FAR_LEVELS, screenshot
 from softras2d.comparison.similarity import psnr
 from softras2d.io.svg.reading.reader import svg_size
 from tests.cases.browser import require_browser
@@ -33,7 +33,7 @@ def measure(path: Path, browser: str) -> tuple[dict[str, Any], np.ndarray]:
         "drawing": path.stem,
         "triangles": scene.triangles.shape[0],
         "psnr": float(psnr(ours, theirs)),
-        "far": 100 * float((255 * difference.max(axis=-1) > FAR).mean()),
+        "far": 100 * float((255 * difference.max(axis=-1) > FAR_LEVELS).mean()),
     }
     gap = np.ones((height, 8, 3), np.float32)
     pictures = [ours, gap, theirs, gap, 1.0 - np.clip(4 * difference, 0.0, 1.0)]
@@ -49,7 +49,12 @@ def main() -> None:
         print(row, flush=True)
         sr.write_image(HERE / "results" / f"{path.stem}.png", picture)
     report.write_csv(HERE / "results" / "browsers.csv", rows)
-    header = ["drawing", "triangles", "PSNR, dB", f"pixels that differ by over {FAR} of 255, %"]
+    header = [
+        "drawing",
+        "triangles",
+        "PSNR, dB",
+        f"pixels that differ by over {FAR_LEVELS} of 255, %",
+    ]
     lines = [
         [row["drawing"], f"{row['triangles']:,}", f"{row['psnr']:.1f}", f"{row['far']:.2f}"]
         for row in rows

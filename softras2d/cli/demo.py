@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from .session import session
 
-_RATES = (1, 4, 16)
+_SAMPLE_COUNTS = (1, 4, 16)
 """Numbers of samples per pixel with which each scene is rendered."""
 
 
@@ -43,14 +43,19 @@ def make_demo(
             TimeElapsedColumn(),
         )
         with Progress(*columns, console=console, transient=True) as progress:
-            task = progress.add_task("", total=len(names) * len(_RATES))
-            for name, samples, image in render_all(_RATES):
+            task = progress.add_task("", total=len(names) * len(_SAMPLE_COUNTS))
+            for name, samples, image in render_all(_SAMPLE_COUNTS):
                 images[name, samples] = image
                 write_image(folder / f"{name}-{samples}.png", image)
                 progress.advance(task)
-        captions = [f"{samples} sample{'s' if samples > 1 else ''}" for samples in _RATES]
+        captions = [f"{samples} sample{'s' if samples > 1 else ''}" for samples in _SAMPLE_COUNTS]
         strips = [
-            Strip(name, scenes.purpose(name), captions, [images[name, rate] for rate in _RATES])
+            Strip(
+                name,
+                scenes.purpose(name),
+                captions,
+                [images[name, samples] for samples in _SAMPLE_COUNTS],
+            )
             for name in names
         ]
         sheet = folder / "contact_sheet.png"

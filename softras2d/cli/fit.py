@@ -151,17 +151,17 @@ def _picture_options(pictures: list[Path], options: dict[str, Any]) -> PictureOp
     )
 
 
-def _parse_texts(given: dict[str, Any]) -> dict[str, Any]:
-    """Parse the texts of the options `softness`, `palette`, `background` and `freeze` in `given`.
+def _parse_texts(settings: dict[str, Any]) -> dict[str, Any]:
+    """Parse the texts of the settings `softness`, `palette`, `background` and `freeze`.
 
-    Returns a copy of `given` with the parsed values in place of these texts; the other options are
-    unchanged. Raises `ValueError` for texts that cannot be parsed.
+    Returns a copy of `settings` with the parsed values in place of these texts; the other settings
+    are unchanged. Raises `ValueError` for texts that cannot be parsed.
     """
-    return given | {
-        "softness": _parse_softness(given["softness"]),
-        "palette": fit_steering.parse_palette(given["palette"]),
-        "background": fit_steering.parse_background(given["background"]),
-        "freeze": fit_steering.parse_freeze(given["freeze"]),
+    return settings | {
+        "softness": _parse_softness(settings["softness"]),
+        "palette": fit_steering.parse_palette(settings["palette"]),
+        "background": fit_steering.parse_background(settings["background"]),
+        "freeze": fit_steering.parse_freeze(settings["freeze"]),
     }
 
 
@@ -209,8 +209,8 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 
     frozen, _ = steering.normalize_freeze(settings["freeze"])
     # The command line takes no masks, the only kind of `freeze` that needs an object as `start`.
-    checked = settings | {"freeze": frozen, "start": "error"}
-    choices.check(choices.normalize(checked), steps, seconds)
+    fit_arguments = settings | {"freeze": frozen, "start": "error"}
+    choices.check(choices.normalize(fit_arguments), steps, seconds)
 
 
 def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
@@ -244,30 +244,30 @@ _FILM_SETTINGS = ("triangles", "shading", "translucent", "size", "seed", "softne
 """Parameters of `fit_picture` that are arguments of `fit_frames`, which fits a film."""
 
 
-def _check_film(frames: list[Path], film: FilmOptions, options: dict[str, Any]) -> None:
+def _check_film(frames: list[Path], film_options: FilmOptions, options: dict[str, Any]) -> None:
     """Raise `ValueError` for a film that cannot be written, and for options that films lack.
 
     An option that films lack may have its default value. `--digits` is for a film in an SVG only.
 
     - `frames`: the pictures of the film. An empty list raises `ValueError`.
-    - `film`: the values of the options for films.
+    - `film_options`: the values of the options for films.
     - `options`: the values of all parameters of `fit_picture`, by name.
     """
-    check_animation(film.animation)
+    check_animation(film_options.animation)
     if not frames:
-        raise ValueError(f"{film.animation}: --animation needs the frames of a film.")
+        raise ValueError(f"{film_options.animation}: --animation needs the frames of a film.")
     picture_only = (*_SETTINGS, *_FILES_OF_SETTINGS, *_PICTURE_ONLY)
     unsupported = _list_changed_options(
         options, [name for name in picture_only if name not in _FILM_SETTINGS]
     )
     if unsupported:
         raise ValueError(f"{unsupported}: not available for films (--animation).")
-    check_digits(film.digits, [film.animation])
+    check_digits(film_options.digits, [film_options.animation])
 
 
 def _fit_film(
     frames: list[Path],
-    options: FilmOptions,
+    film_options: FilmOptions,
     settings: dict[str, Any],
     steps: int | None,
     start_seconds: float,
@@ -277,7 +277,7 @@ def _fit_film(
     """Fit the frames of a film, write the animation, and print a line about it.
 
     - `frames`: the files of the frames, in order.
-    - `options`: values of the options for films.
+    - `film_options`: values of the options for films.
     - `settings`: arguments of `fit`, of which only `_FILM_SETTINGS` are used.
     - `steps`: optimizer steps of the first frame; None for the default.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
@@ -294,10 +294,10 @@ def _fit_film(
     keep_compiled_programs()
     film_settings = {name: settings[name] for name in _FILM_SETTINGS}
     with errors_name_options({}), announce_signals(console):
-        results, targets = fit_film(frames, options, film_settings, steps, bar)
+        results, targets = fit_film(frames, film_options, film_settings, steps, bar)
     bar.show("writing")
-    write_film(options, results)
-    summary = film_summary(options, results, targets, start_seconds)
+    write_film(film_options, results)
+    summary = film_summary(film_options, results, targets, start_seconds)
     Console(soft_wrap=True, highlight=False).print(summary, markup=False)
     if results[-1].interrupted:
         raise KeyboardInterrupt
@@ -310,7 +310,7 @@ def _parse_softness(text: str) -> float | list[float]:
     are not checked here.
     """
     try:
-        widths = [float(part) for part in text.split(":")]
+        widths = [float(width) for width in text.split(":")]
     except ValueError:
         raise ValueError(
             f"--softness must be a width in pixels, or FIRST:LAST; got {text!r}."

@@ -255,8 +255,10 @@ def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any
 
         def show() -> None:
             minutes = (time.perf_counter() - started) / 60
-            rate = (len(done) - before) / minutes
-            status = f"mean PSNR {_mean_psnr(done):.2f} dB, {rate:.1f} images per minute"
+            pictures_per_minute = (len(done) - before) / minutes
+            status = (
+                f"mean PSNR {_mean_psnr(done):.2f} dB, {pictures_per_minute:.1f} images per minute"
+            )
             bar.update(task, completed=len(done), status=status)
 
         yield show

@@ -128,11 +128,11 @@ def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Co
     - `earlier`: the `FitResult` of the saved fit.
     - `resume`: the file from which it was read.
     """
-    taken = earlier.history[-1].steps if earlier.history else 0
-    if steps <= taken:
+    steps_taken = earlier.history[-1].steps if earlier.history else 0
+    if steps <= steps_taken:
         message = (
             f"--steps {steps}: no step is taken, because steps are counted from the start of the "
-            f"fit, and {resume} has {taken}; --steps {taken + 100} would take 100 more"
+            f"fit, and {resume} has {steps_taken}; --steps {steps_taken + 100} would take 100 more"
         )
         print_message("warning", message, console)
 

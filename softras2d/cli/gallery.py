@@ -49,8 +49,8 @@ def scene_groups() -> list[SceneGroup]:
     return [group._replace(scenes=_padded_scenes(group.scenes)) for group in groups.values()]
 
 
-def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Render every bundled scene with every number of samples per pixel in `rates`.
+def render_all(sample_counts: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
+    """Render every bundled scene with every number of samples per pixel in `sample_counts`.
 
     Yields `(name, samples, image)` for each image, in the order in which they are finished. An
     image has `[height, width, channels]` floats, with 300 x 300 pixels.
@@ -58,7 +58,11 @@ def render_all(rates: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
     groups = scene_groups()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         # XLA compiles each program on one core, so programs are compiled in parallel.
-        jobs = [pool.submit(_render_group, group, rate) for rate in rates for group in groups]
+        jobs = [
+            pool.submit(_render_group, group, samples)
+            for samples in sample_counts
+            for group in groups
+        ]
         try:
             for job in as_completed(jobs):
                 yield from job.result()

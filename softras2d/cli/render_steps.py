@@ -30,10 +30,10 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
     the canvas, a warning says that margins remain. There is none in dialect `course`.
     """
     source = SceneSource(path, options.dialect)
-    is_whole_size = options.size is not None and options.size.height is not None
-    file_size = None if is_whole_size else source.size()
+    has_both_sides = options.size is not None and options.size.height is not None
+    file_size = None if has_both_sides else source.size()
     height, width = canvas_size(options.size, file_size)
-    if is_whole_size and options.fit is None and options.dialect == "svg":
+    if has_both_sides and options.fit is None and options.dialect == "svg":
         _warn_of_margins(source, height, width)
     scene = source.read(
         height=height,

@@ -14,7 +14,7 @@ from .pixels import comparable_pixels, on_white, pixel_difference
 from .similarity import psnr
 from .tolerance import exceeds
 
-FAR = 24
+FAR_LEVELS = 24
 """Difference of a channel, in levels of an 8-bit image, for `ScreenshotDifference.far_share`.
 
 Antialiasing alone causes larger differences in few pixels only."""
@@ -24,7 +24,8 @@ class ScreenshotDifference(NamedTuple):
     """Measures of how much a screenshot differs from the expected image, with 8 bits per channel.
 
     - `mean`, `largest`: absolute difference over all pixels and channels, in levels, 0..255.
-    - `far_share`: fraction, 0..1, of the pixels with a channel that differs by more than `FAR`.
+    - `far_share`: fraction, 0..1, of the pixels with a channel that differs by more than
+      `FAR_LEVELS`.
     - `psnr`: peak signal-to-noise ratio in dB; infinite for equal images.
     """
 
@@ -36,7 +37,7 @@ class ScreenshotDifference(NamedTuple):
     def __str__(self) -> str:
         return (
             f"mean difference {self.mean:.2f} levels of 255, largest {self.largest:.0f}; "
-            f"{100 * self.far_share:.3g} % of pixels differ by more than {FAR} levels; "
+            f"{100 * self.far_share:.3g} % of pixels differ by more than {FAR_LEVELS} levels; "
             f"PSNR {f'{self.psnr:.2f} dB' if self.mean else 'infinite'}"
         )
 
@@ -76,6 +77,6 @@ def screenshot_difference(
     return ScreenshotDifference(
         mean=255 * float(np.abs(actual - target).mean()),
         largest=float(difference.max()),
-        far_share=float(exceeds(difference, float(FAR)).mean()),
+        far_share=float(exceeds(difference, float(FAR_LEVELS)).mean()),
         psnr=float(psnr(actual, target)),
     )

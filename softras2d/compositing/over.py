@@ -83,9 +83,9 @@ def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tupl
     colors, surface, pairs, blocks = jax.lax.stop_gradient(primals)
 
     def forward(fixed: Any, change: Array) -> Array:
-        colors, *rest = fixed
+        colors, *constants = fixed
         return jax.jvp(
-            lambda colors: _composite.fun(tiling, max_list_length, colors, *rest),
+            lambda colors: _composite.fun(tiling, max_list_length, colors, *constants),
             (colors,),
             (change,),
         )[1]

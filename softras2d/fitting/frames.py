@@ -104,8 +104,8 @@ def _check(frame_steps: Any, temporal: Any) -> None:
 
     `frame_steps` must be an integer from 1 on, and `temporal` a finite number from 0 on.
     """
-    is_whole = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
-    if not is_whole or frame_steps < 1:
+    is_integer = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
+    if not is_integer or frame_steps < 1:
         raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
     is_number = isinstance(temporal, int | float) and not isinstance(temporal, bool)
     if not is_number or not 0 <= temporal < float("inf"):
@@ -162,14 +162,14 @@ class _Film:
             task.frame.shrink_target(Target(self._targets[k])).image for k in (number - 1, number)
         )
         fit.retarget(Target(target), self._blended(before, target, temporal))
-        counter, taken, accepted = AcceptedSteps(0), 0, 0
-        while taken < steps:
-            fit.refine(_LATER_FRAMES_START + (1 - _LATER_FRAMES_START) * taken / steps)
-            chunk = min(task.max_steps, steps - taken)
+        counter, steps_taken, accepted = AcceptedSteps(0), 0, 0
+        while steps_taken < steps:
+            fit.refine(_LATER_FRAMES_START + (1 - _LATER_FRAMES_START) * steps_taken / steps)
+            chunk = min(task.max_steps, steps - steps_taken)
             losses = advance_fits([fit], chunk, task.max_steps)[0]
-            taken, accepted = taken + len(losses), counter.add(losses)
+            steps_taken, accepted = steps_taken + len(losses), counter.add(losses)
         seconds = time.perf_counter() - self._began
-        task.history[:] = [Record(taken, seconds, *measure(fit), accepted, fit.active)]
+        task.history[:] = [Record(steps_taken, seconds, *measure(fit), accepted, fit.active)]
 
     def _blended(self, before: Image, target: Image, temporal: float) -> LayersData:
         """Make the data of the residual for a frame, with a target that resists change.

@@ -163,8 +163,8 @@ def _stack(trees: Sequence[Any]) -> Any:
 
 def _on_device(tree: Any, device: Device) -> Any:
     """Copy the arrays of a pytree to a device; return the pytree with these arrays."""
-    arrays, rest = eqx.partition(tree, eqx.is_array)
-    return eqx.combine(jax.device_put(arrays, device), rest)
+    arrays, static = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.device_put(arrays, device), static)
 
 
 def _chunk_of(results: Any, index: int, progress: Progress, static: Any, steps: int) -> Chunk:

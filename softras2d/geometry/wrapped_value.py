@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ..numerics.array_types import DTypeLike, HostOrDeviceArray
 
-FAR = 2**30
+LARGE_ESTIMATE = 2**30
 """Estimates of this absolute size or more have the sign of the `WrappedValue` they belong to."""
 
 
@@ -52,7 +52,7 @@ class WrappedValue(NamedTuple):
     def is_near_zero(self) -> HostOrDeviceArray:
         """Whether the estimate is below 2^30 in size, so that `wrapped` is the value itself."""
         xp = self.estimate.__array_namespace__()
-        return xp.abs(self.estimate) < float(FAR)
+        return xp.abs(self.estimate) < float(LARGE_ESTIMATE)
 
     def is_inside(self, remainder: HostOrDeviceArray | None = None) -> HostOrDeviceArray:
         """Whether the value is 0 or more, which for an edge value means inside the edge.
@@ -81,7 +81,7 @@ class WrappedValue(NamedTuple):
         that is clamped at the tile's first sample has the same sign in all of the tile.
         """
         xp = self.estimate.__array_namespace__()
-        far = xp.where(self.estimate > 0, FAR, -FAR).astype(xp.int32)
+        far = xp.where(self.estimate > 0, LARGE_ESTIMATE, -LARGE_ESTIMATE).astype(xp.int32)
         return xp.where(self.is_near_zero, self.wrapped, far)
 
     def split(self) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:

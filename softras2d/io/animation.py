@@ -66,7 +66,7 @@ def write_animation(
         for image, is_last in _mark_last(_checked_bytes(path, frames)):
             if previous is None:
                 file.write(gif.header(*image.shape[:2]))
-            file.write(_changed_part(image, previous, last_delay if is_last else delay))
+            file.write(_encode_changed_rectangle(image, previous, last_delay if is_last else delay))
             previous = image
         file.write(gif.TRAILER)
 
@@ -117,7 +117,7 @@ def _mark_last(images: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]
     yield image, True
 
 
-def _changed_part(
+def _encode_changed_rectangle(
     image: UInt8[np.ndarray, "height width 3"],
     previous: UInt8[np.ndarray, "height width 3"] | None,
     delay: int,

@@ -75,8 +75,8 @@ def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
     finally:
         source.close()
     _check_size(str(path), spec)
-    is_turned = spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8)
-    return (spec.width, spec.height) if is_turned else (spec.height, spec.width)
+    swaps_axes = spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8)
+    return (spec.width, spec.height) if swaps_axes else (spec.height, spec.width)
 
 
 def read_charged(

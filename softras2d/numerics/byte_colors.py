@@ -16,10 +16,10 @@ from jax.core import Tracer
 _PACKAGE = str(Path(__file__).parent.parent)
 
 
-def refuse_integer_bytes(what: str, colors: Any) -> None:
+def refuse_integer_bytes(name: str, colors: Any) -> None:
     """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
-    The message begins with `what`. Under a trace values are not known, so all unsigned integers are
+    The message begins with `name`. Under a trace values are not known, so all unsigned integers are
     refused there as bytes. Floats are not checked.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
@@ -29,7 +29,7 @@ def refuse_integer_bytes(what: str, colors: Any) -> None:
     else:
         bytes_given = colors.size > 0 and colors.max() > 1
     if bytes_given:
-        raise ValueError(f"{what} must be in 0..1: divide bytes by 255; got {colors.dtype}.")
+        raise ValueError(f"{name} must be in 0..1: divide bytes by 255; got {colors.dtype}.")
 
 
 def warn_of_bytes(arrays: dict[str, Any]) -> None:

@@ -68,8 +68,8 @@ def nearest_layers(
         triangle = jnp.where(is_next, listed.lists.triangle[pair][..., None], triangle)
         return covering + is_covering.astype(jnp.int32), triangle
 
-    none_yet = jnp.full((*entries.start.shape, layers), -1, jnp.int32)
-    state = jnp.zeros_like(entries.start), none_yet
+    no_triangles = jnp.full((*entries.start.shape, layers), -1, jnp.int32)
+    state = jnp.zeros_like(entries.start), no_triangles
     return repeat(jnp.max(entries.count), visit, state)[1]
 
 

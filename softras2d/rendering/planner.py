@@ -187,9 +187,9 @@ def _given_scenes(scene: Any) -> list[Scene]:
     given: list[Any] = list(scene) if is_several else [scene]
     if not given:
         raise ValueError("`scene` must be a scene or several; got an empty list.")
-    for one in given:
-        if not isinstance(one, Scene):
-            raise ValueError(f"`scene` must be a scene or several; got {type(one).__name__}.")
+    for entry in given:
+        if not isinstance(entry, Scene):
+            raise ValueError(f"`scene` must be a scene or several; got {type(entry).__name__}.")
     return given
 
 
@@ -205,7 +205,7 @@ def _scene_list(scene: Any) -> list[Scene]:
             "`plan` needs concrete scenes: make the plan outside jit, vmap and grad, or with "
             "`capacity='worst_case'`, which needs only shapes."
         )
-    scenes = [one for batch in given for one in _unstack(batch)]
+    scenes = [single_scene for batch in given for single_scene in _unstack(batch)]
     if not scenes:
         raise ValueError("`scene` must be a scene or several; got an empty batch.")
     return scenes
@@ -218,12 +218,12 @@ def _shapes(scene: Any) -> list[Scene]:
     raises `ValueError` for invalid ones.
     """
     given = _given_scenes(scene)
-    for one in given:
-        if all(isinstance(leaf, np.ndarray | jax.Array) for leaf in jax.tree.leaves(one)):
-            check(one)
+    for entry in given:
+        if all(isinstance(leaf, np.ndarray | jax.Array) for leaf in jax.tree.leaves(entry)):
+            check(entry)
     return [
-        jax.tree.map(functools.partial(_shape_of, batched=one.positions.ndim == 3), one)
-        for one in given
+        jax.tree.map(functools.partial(_shape_of, batched=entry.positions.ndim == 3), entry)
+        for entry in given
     ]
 
 

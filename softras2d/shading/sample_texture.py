@@ -110,5 +110,5 @@ def _sum_probes(
         return total + (texel if share is None else texel * share[None]), None
 
     probes = jnp.arange(textures.filter.anisotropy, dtype=jnp.int32)
-    none_yet = jnp.zeros((textures.channels, uv.shape[1]), textures.texels.dtype)
-    return jax.lax.scan(jax.checkpoint(add_probe), none_yet, probes)[0]
+    zeros = jnp.zeros((textures.channels, uv.shape[1]), textures.texels.dtype)
+    return jax.lax.scan(jax.checkpoint(add_probe), zeros, probes)[0]

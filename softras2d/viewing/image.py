@@ -21,12 +21,12 @@ _OUTSIDE = (0, 0, 0, 0)
 """RGBA of pixels of the canvas that lie outside the image."""
 
 
-_KEPT_IMAGES = 2
+_MAX_CACHED_IMAGES = 2
 """Number of images that are stored: the one that is shown, and one to compare with."""
 
 
 class ImageCache:
-    """Cache of the images that were used last, at most `_KEPT_IMAGES` (2).
+    """Cache of the images that were used last, at most `_MAX_CACHED_IMAGES` (2).
 
     All image files of a viewer share one cache.
     """
@@ -43,7 +43,7 @@ class ImageCache:
         key = (str(path), version)
         if key not in self._images:
             self._images[key] = read_image(path)
-            while len(self._images) > _KEPT_IMAGES:
+            while len(self._images) > _MAX_CACHED_IMAGES:
                 self._images.popitem(last=False)
         self._images.move_to_end(key)
         return self._images[key]
@@ -111,14 +111,14 @@ class Image(Subject):
         return shown
 
 
-def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
+def image_file(path: Path, shared_cache: ImageCache | None = None) -> Image:
     """Make the subject of an image file, which is read when it is shown, and again when it changes.
 
     The subject has the name of the file. Its version is the time of the last change of the file,
-    in nanoseconds, or 0 while the file is missing. `kept_images` is the cache of images, which all
+    in nanoseconds, or 0 while the file is missing. `shared_cache` is the cache of images, which all
     files of a viewer share; a new cache by default.
     """
-    kept = ImageCache() if kept_images is None else kept_images
+    cache = ImageCache() if shared_cache is None else shared_cache
 
     def version_of() -> int:
         try:
@@ -128,7 +128,7 @@ def image_file(path: Path, kept_images: ImageCache | None = None) -> Image:
 
     return Image(
         path.name,
-        lambda: kept.get(path, version_of()),
+        lambda: cache.get(path, version_of()),
         version_of,
         lambda: image_size(path),
     )
@@ -182,12 +182,12 @@ def _mosaic(textures: TexturePyramid) -> Float[np.ndarray, "height width channel
     width = int((table[:, :, 2] + 1).sum(axis=1).max()) - 1
     picture = np.zeros((int(tops[-1]) - 1, width, 4), np.float32)
     for rows, top in zip(table, tops, strict=False):
-        left, seen = 0, set()
+        left, drawn_offsets = 0, set()
         for offset, level_height, level_width in rows.tolist():
             # A texture with fewer levels repeats its last.
-            if offset in seen:
+            if offset in drawn_offsets:
                 continue
-            seen.add(offset)
+            drawn_offsets.add(offset)
             level = texels[offset : offset + level_height * level_width]
             level = unpremultiply(level.reshape(level_height, level_width, -1))
             level_pixels = picture[top : top + level_height, left : left + level_width]

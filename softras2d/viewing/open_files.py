@@ -20,8 +20,8 @@ def open_files(paths: Sequence[Path], options: ReadOptions) -> list[Subject]:
     read now, and not again. The suffix decides the kind of a file; any file that is neither `.svg`,
     `.svgz` nor `.npz` is taken for an image. `options` say how SVG files are read.
     """
-    kept_images = ImageCache()
-    return [_open(path, options, kept_images) for path in paths]
+    cache = ImageCache()
+    return [_open(path, options, cache) for path in paths]
 
 
 def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory:
@@ -33,7 +33,7 @@ def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory
     return SceneInMemory(name, result.scene, result.height, result.width, state, source)
 
 
-def _open(path: Path, options: ReadOptions, kept_images: ImageCache) -> Subject:
+def _open(path: Path, options: ReadOptions, cache: ImageCache) -> Subject:
     """Make the subject of one file, by its suffix."""
     suffix = path.suffix.lower()
     if suffix in (".svg", ".svgz"):
@@ -41,4 +41,4 @@ def _open(path: Path, options: ReadOptions, kept_images: ImageCache) -> Subject:
     if suffix == ".npz":
         source = f"scene = sr.FitResult.load({str(path)!r}).scene\n"
         return fit_subject(path.name, FitResult.load(path), source)
-    return image_file(path, kept_images)
+    return image_file(path, cache)

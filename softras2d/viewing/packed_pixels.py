@@ -56,13 +56,13 @@ def pack_pixels(rgba: UInt8[np.ndarray, " bytes"]) -> PackedPixels | None:
     bits = np.packbits(has_one_color, bitorder="little").tobytes()
     # Selecting whole blocks, each as one item, is several times as fast as selecting rows.
     blocks = in_blocks.view(np.dtype((np.void, 4 * BLOCK)))
-    parts = [
+    sections = [
         bits.ljust(-(-len(bits) // 4) * 4, b"\0"),
         in_blocks[::BLOCK][has_one_color].data,
         blocks[~has_one_color].view(np.uint8).data,
         after_blocks.data,
     ]
-    return PackedPixels(count, colors, b"".join(parts))
+    return PackedPixels(count, colors, b"".join(sections))
 
 
 def _find_blocks_of_one_color(

@@ -13,7 +13,7 @@ from ..scene import Scene
 from .settings import Settings
 from .view import View, enlarged_size
 
-_KEPT_SCENES = 4
+_MAX_CACHED_SCENES = 4
 """Number of enlarged scenes that a subject stores, for pages that show different zooms."""
 
 
@@ -102,7 +102,7 @@ class SceneCache:
         key = (version, height, width)
         if key not in self._scenes:
             self._scenes[key] = make(height, width)
-            while len(self._scenes) > _KEPT_SCENES:
+            while len(self._scenes) > _MAX_CACHED_SCENES:
                 self._scenes.popitem(last=False)
         self._scenes.move_to_end(key)
         return self._scenes[key]

@@ -269,7 +269,7 @@ class TestOnRealScenes:
     @pytest.mark.slow
     def test_demo_draws_each_scene_as_drawn_alone(self, tmp_path, monkeypatch):
         monkeypatch.setattr(scenes, "names", lambda: ("joints", "squares"))
-        monkeypatch.setattr(demo, "_RATES", (4,))
+        monkeypatch.setattr(demo, "_SAMPLE_COUNTS", (4,))
         result = run("demo", tmp_path / "out")
         assert result.exit_code == 0, result.stderr
         assert f"2 pictures in {tmp_path / 'out'}" in result.stdout

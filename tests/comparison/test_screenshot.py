@@ -15,7 +15,7 @@ import pytest
 
 import softras2d as sr
 from softras2d.comparison.chromium import BROWSERS, find_browser
-from softras2d.comparison.screenshot import FAR, screenshot, screenshot_difference
+from softras2d.comparison.screenshot import FAR_LEVELS, screenshot, screenshot_difference
 
 from ..cases.browser import fake_browser, require_browser
 
@@ -44,12 +44,12 @@ def test_measures_equal_their_formulas():
     levels = np.round(255 * IMAGE).astype(int)
     shown = levels.copy()
     shown[2, 3, 1] += -30 if shown[2, 3, 1] > 100 else 30
-    shown[4, 0, 2] += -FAR if shown[4, 0, 2] > 100 else FAR
+    shown[4, 0, 2] += -FAR_LEVELS if shown[4, 0, 2] > 100 else FAR_LEVELS
     difference = screenshot_difference((shown / 255).astype(np.float32), IMAGE)
-    assert difference.mean == pytest.approx((30 + FAR) / IMAGE.size, rel=1e-4)
+    assert difference.mean == pytest.approx((30 + FAR_LEVELS) / IMAGE.size, rel=1e-4)
     assert difference.largest == pytest.approx(30, rel=1e-4)
     assert difference.far_share == pytest.approx(1 / 54)
-    mse = (30**2 + FAR**2) / 255**2 / IMAGE.size
+    mse = (30**2 + FAR_LEVELS**2) / 255**2 / IMAGE.size
     assert difference.psnr == pytest.approx(-10 * np.log10(mse), rel=1e-4)
     assert str(difference) == (
         f"mean difference {difference.mean:.2f} levels of 255, largest 30; 1.85 % of pixels differ "

@@ -4,14 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softras2d.geometry.wrapped_value import FAR, WrappedValue
+from softras2d.geometry.wrapped_value import LARGE_ESTIMATE, WrappedValue
 
 
 def values() -> np.ndarray:
     """Integers of up to 43 bits, many of them near zero and near +-2^30."""
     rng = np.random.default_rng(0)
     spread = rng.integers(-(2**43), 2**43, 2000) >> rng.integers(0, 43, 2000)
-    near = [base + np.arange(-300, 300) for base in (-FAR, 0, FAR)]
+    near = [base + np.arange(-300, 300) for base in (-LARGE_ESTIMATE, 0, LARGE_ESTIMATE)]
     return np.concatenate([spread, *near])
 
 
@@ -42,10 +42,10 @@ def test_a_remainder_is_added_before_the_sign_is_taken():
 def test_clamped_is_exact_near_zero():
     value = values()
     clamped = wrap(value).clamped()
-    near = np.abs(value) < FAR // 2
+    near = np.abs(value) < LARGE_ESTIMATE // 2
     np.testing.assert_array_equal(clamped[near], value[near])
     np.testing.assert_array_equal(np.sign(clamped), np.sign(value))
-    assert (np.abs(clamped[~near]) >= FAR // 2).all()
+    assert (np.abs(clamped[~near]) >= LARGE_ESTIMATE // 2).all()
 
 
 def test_moves_and_multiples_wrap_like_the_integers():

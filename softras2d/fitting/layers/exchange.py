@@ -115,9 +115,9 @@ def find_exchange(
     pair_count = int(np.sum(_EXPECTED_GAIN * candidates.gains[by_gain] > costs[by_cost]))
     if pair_count == 0:
         return None
-    removed, placed = by_cost[:pair_count], by_gain[:pair_count]
+    removed, added = by_cost[:pair_count], by_gain[:pair_count]
     staying, spare = np.setdiff1d(np.arange(active), removed), np.arange(active, length)
     order = np.concatenate([staying, removed, spare])
     return Replacement(
-        order, active - pair_count, candidates.corners[placed], candidates.colors[placed]
+        order, active - pair_count, candidates.corners[added], candidates.colors[added]
     )

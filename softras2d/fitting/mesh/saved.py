@@ -47,9 +47,9 @@ def check_mesh_state(
     entries.finite("scale", np.float32, (vertices, 1), low=TINY)
     if "kept" in entries:
         entries.finite("kept", np.float64, (), low=0.0)
-        kept_vertices = _check_mesh(entries, "kept.mesh", size, limit, None)
-        entries.finite("kept.scale", np.float32, (kept_vertices, 1), low=TINY)
-        for number, shape in enumerate(_shapes(settings["shading"], kept_vertices)):
+        best_vertices = _check_mesh(entries, "kept.mesh", size, limit, None)
+        entries.finite("kept.scale", np.float32, (best_vertices, 1), low=TINY)
+        for number, shape in enumerate(_shapes(settings["shading"], best_vertices)):
             entries.finite(f"kept.{number}", np.float32, shape)
     return shapes
 

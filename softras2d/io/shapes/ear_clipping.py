@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from ...geometry.vectors import cross
 from ..budget import Budget, BudgetError
 from .fill_rules import distinct_edges
-from .overlaps import FEW, charge_crossings
+from .overlaps import MAX_UNCOUNTED_EDGES, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
@@ -93,7 +93,7 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
     """
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
-    if len(points) > FEW:
+    if len(points) > MAX_UNCOUNTED_EDGES:
         starts, ends = distinct_edges(points, np.roll(points, -1, axis=0))
         if len(starts) < len(points):
             return True

@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Float, Int
 
 from ..budget import Budget
-from .overlaps import FEW, charge_crossings
+from .overlaps import MAX_UNCOUNTED_EDGES, charge_crossings
 
 
 class _Edges(NamedTuple):
@@ -50,9 +50,9 @@ def fill_rule_regions(
     is_single = np.array([len(contours) == 1 for contours in shapes])
     repeats = np.zeros(len(shapes), bool)
     lines = np.empty(len(shapes), object)
-    for index in np.flatnonzero((lengths > FEW) | ~is_single).tolist():
+    for index in np.flatnonzero((lengths > MAX_UNCOUNTED_EDGES) | ~is_single).tolist():
         starts, ends = distinct_edges(*edges[index])
-        if lengths[index] > FEW:
+        if lengths[index] > MAX_UNCOUNTED_EDGES:
             charge_crossings(starts, ends, budget, error_indices[index])
         repeats[index] = len(starts) < lengths[index]
         segments: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
@@ -133,7 +133,7 @@ def _faces(
     all_faces, owners = [np.zeros(0, object)], [np.zeros(0, np.int64)]
     # Crossings of large shapes have been charged. Small shapes are processed in blocks, which
     # bounds the number of faces, and then charged for the faces beyond their number of vertices.
-    weights = np.cumsum(lengths[crossing] * np.minimum(lengths[crossing], FEW))
+    weights = np.cumsum(lengths[crossing] * np.minimum(lengths[crossing], MAX_UNCOUNTED_EDGES))
     start = 0
     while start < len(crossing):
         done = weights[start - 1] if start else 0
@@ -143,7 +143,7 @@ def _faces(
         faces, row = shapely.get_parts(shapely.polygonize(noded[:, None]), return_index=True)
         face_counts = np.bincount(row, minlength=len(chosen))
         indices = [error_indices[index] for index in chosen.tolist()]
-        is_small = lengths[chosen] <= FEW
+        is_small = lengths[chosen] <= MAX_UNCOUNTED_EDGES
         excess = np.where(is_small, np.maximum(face_counts - lengths[chosen], 0), 0)
         budget.charge_each("crossings", excess, indices)
         budget.charge_each("triangles", face_counts, indices)
@@ -172,7 +172,7 @@ def _windings(
     winding = np.zeros(len(points), np.int64)
     for length in np.unique(lengths[shape_of_point]).tolist():
         members = np.flatnonzero(lengths[shape_of_point] == length)
-        if length > FEW:
+        if length > MAX_UNCOUNTED_EDGES:
             for index in np.unique(shape_of_point[members]).tolist():
                 chosen = members[shape_of_point[members] == index]
                 winding[chosen] = _winding_by_rays(

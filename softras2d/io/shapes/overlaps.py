@@ -12,7 +12,7 @@ from ..budget import Budget
 _PAIRS_AT_ONCE = 2**20
 """Maximum number of pairs in one block, unless a single box overlaps more boxes."""
 
-FEW = 64
+MAX_UNCOUNTED_EDGES = 64
 """Maximum number of edges of a polygon whose pairs of edges are not counted.
 
 They are few enough to need no limit.

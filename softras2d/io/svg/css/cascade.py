@@ -100,8 +100,8 @@ class Cascade:
         Rules that are invalid or not supported are noted and left out. Raises `ValueError` for more
         than `_MAX_SELECTORS` selectors in all style sheets of the document.
         """
-        kind = element.attrib.get("type", "text/css").strip().lower() or "text/css"
-        if kind != "text/css":
+        content_type = element.attrib.get("type", "text/css").strip().lower() or "text/css"
+        if content_type != "text/css":
             return
         if not self._matches(element.attrib.get("media", ""), element, "media"):
             return
@@ -158,7 +158,7 @@ class Cascade:
         with a pseudo-element are left out without a notice. `element` is the `<style>` element,
         which notices name. Raises `ValueError` for too many selectors.
         """
-        important, normal = self._parsed(rule.content, element, "rule")
+        important, normal = self._parse_block(rule.content, element, "rule")
         selector_text = tinycss2.serialize(rule.prelude).strip()
         costs = selector_costs(rule.prelude)
         try:
@@ -187,27 +187,29 @@ class Cascade:
             if text is None:
                 return Declarations({}, element.attrib, {})
             important, normal = self._style_attribute(text, element)
-            return _ranked([normal, important], element)
-        rules = [payload for _, _, _, payload in self._matcher.match(element)]
-        inline = ({}, {}) if text is None else self._style_attribute(text, element)
+            return _merge([normal, important], element)
+        rules = [rule for _, _, _, rule in self._matcher.match(element)]
+        important, normal = ({}, {}) if text is None else self._style_attribute(text, element)
         blocks = [rule.normal for rule in rules]
-        blocks += [inline[1], *(rule.important for rule in rules), inline[0]]
-        return _ranked(blocks, element)
+        blocks += [normal, *(rule.important for rule in rules), important]
+        return _merge(blocks, element)
 
     def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
         """Parse the attribute `style`; returns its important and its normal declarations."""
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form is split here, which takes a tenth of the parser's time.
-            pairs = [part.partition(":") for part in text.split(";") if part.strip()]
-            plain = [(name.strip().lower(), value.strip()) for name, _, value in pairs]
-            if all(name.replace("-", "").isalpha() and value for name, value in plain):
+            split_texts = [
+                declaration.partition(":") for declaration in text.split(";") if declaration.strip()
+            ]
+            name_values = [(name.strip().lower(), value.strip()) for name, _, value in split_texts]
+            if all(name.replace("-", "").isalpha() and value for name, value in name_values):
                 block: _Block = {}
-                for name, value in plain:
+                for name, value in name_values:
                     _append(block, name, [value])
                 return {}, block
-        return self._parsed(text, element, "style")
+        return self._parse_block(text, element, "style")
 
-    def _parsed(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
+    def _parse_block(self, content: Any, element: Element, attribute: str) -> tuple[_Block, _Block]:
         """Parse a block of declarations; returns the important declarations and the normal ones.
 
         - `content`: the tokens in the body of a rule, or the text of an attribute `style`.
@@ -234,8 +236,8 @@ class Cascade:
                 detail = "a rule within a rule" if is_rule else "a part is not a declaration"
                 self._note(WITHOUT_EFFECT if is_rule else INVALID, element, attribute, detail)
                 continue
-            values = important if node.important else normal
-            _append(values, node.lower_name, [tinycss2.serialize(node.value).strip()])
+            block = important if node.important else normal
+            _append(block, node.lower_name, [tinycss2.serialize(node.value).strip()])
         return important, normal
 
     def _note(self, kind: str, element: Element, attribute: str, detail: str) -> None:
@@ -261,7 +263,7 @@ def _append(block: _Block, name: str, values: list[str]) -> None:
     block[name] = [*block.pop(name, ()), *values][-_MAX_OUTRANKED - 1 :]
 
 
-def _ranked(blocks: list[_Block], element: Element) -> Declarations:
+def _merge(blocks: list[_Block], element: Element) -> Declarations:
     """Merge blocks of declarations that apply to an element, and add the element's attributes.
 
     `blocks` are given from the lowest rank to the highest.

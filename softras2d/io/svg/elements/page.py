@@ -217,7 +217,7 @@ def elements(root: Element) -> Iterator[Element]:
         pending += reversed(element.children)
 
 
-def affine_part(map3: np.ndarray) -> np.ndarray:
+def as_affine(map3: np.ndarray) -> np.ndarray:
     """The homogeneous map `map3` `[3, 3]`, scaled so that its third row is (0, 0, 1).
 
     Raises `ValueError` for a map in perspective, under which a gradient is not affine.

@@ -10,7 +10,7 @@ from ..canvas.paint import Stop
 from ..elements.css_transform import Units
 from ..elements.element_kinds import report_animations
 from ..elements.element_transform import about_origin
-from ..elements.page import Page, affine_part
+from ..elements.page import Page, as_affine
 from ..elements.view_box import Box
 from ..values.css_color import CURRENT, Rgba
 from ..values.numbers import fraction
@@ -56,7 +56,7 @@ def gradient_fill(
         return _solid(stops[0])
     units = _inherited(page, chain, "gradientUnits", ("userSpaceOnUse", "objectBoundingBox"))
     in_box = units != "userSpaceOnUse"
-    to_pixels = affine_part(map3)
+    to_pixels = as_affine(map3)
     if in_box:
         if box.width <= 0 or box.height <= 0:
             return False
@@ -76,16 +76,16 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
     A reference to something else, or to a gradient that is in the chain already, is noted and ends
     the chain. So does a reference from a chain longer than `_MAX_TEMPLATES`.
     """
-    chain, seen = [gradient], {id(gradient)}
+    chain, visited = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
         target = page.target(href)
         if target is None or target.name not in GRADIENTS:
             page.report(chain[-1])(INVALID, "href", f"refers to no gradient ({href[:40]!r})")
             break
-        if id(target) in seen or len(chain) > _MAX_TEMPLATES:
+        if id(target) in visited or len(chain) > _MAX_TEMPLATES:
             page.report(chain[-1])(INVALID, "href", "refers to itself")
             break
-        seen.add(id(target))
+        visited.add(id(target))
         chain.append(target)
     return chain
 

@@ -32,7 +32,7 @@ from .svg_dialect import Drawing
 
 _DIALECTS = get_args(SvgDialect)
 
-_FITS = {
+_PRESERVE_ASPECT_RATIO = {
     # Values of `fit`, and what they mean as `preserveAspectRatio`.
     "contain": "xMidYMid meet",
     "cover": "xMidYMid slice",
@@ -124,9 +124,9 @@ def read_svg(
       all images together (1 GiB). Limits are checked before the work is done.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
-    drawn = _read(load(path), height, width, options)
-    _warn(drawn)
-    return drawn.scene
+    result = _read(load(path), height, width, options)
+    _warn(result)
+    return result.scene
 
 
 def read_document_with_notice(
@@ -140,8 +140,8 @@ def read_document_with_notice(
     catch a warning that it has issued.
     """
     options = _Options(dialect, None, assets, opacity, frame, False, TOLERANCE, False, None)
-    drawn = _read(document, height, width, options)
-    return drawn.scene, drawn.notice
+    result = _read(document, height, width, options)
+    return result.scene, result.notice
 
 
 def parse_svg(
@@ -169,9 +169,9 @@ def parse_svg(
     The other arguments are as in `read_svg`.
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
-    drawn = _read(from_text(text, name), height, width, options)
-    _warn(drawn)
-    return drawn.scene
+    result = _read(from_text(text, name), height, width, options)
+    _warn(result)
+    return result.scene
 
 
 def read_svg_controls(
@@ -196,13 +196,13 @@ def read_svg_controls(
     """
     document = load(path)
     options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
-    drawn = _read(document, height, width, options, keeps_sources=True)
-    _warn(drawn)
-    drawing = drawn.drawing
+    result = _read(document, height, width, options, keeps_sources=True)
+    _warn(result)
+    drawing = result.drawing
     assert drawing is not None
-    with _errors_named(document):
+    with _name_document_in_errors(document):
         return make_controls(
-            document, drawing.root, drawn.scene, drawn.triangles, drawing.canvas,
+            document, drawing.root, result.scene, result.triangles, drawing.canvas,
             drawing.painter.sources,
         )  # fmt: skip
 
@@ -229,7 +229,7 @@ def parse_svg_size(
     return declared_size(from_text(text, name), dialect)
 
 
-class _Drawn(NamedTuple):
+class _ReadResult(NamedTuple):
     """The result of reading a document.
 
     - `triangles`: the triangles of which `scene` was made, in the same order, with the index in
@@ -250,7 +250,7 @@ def _read(
     width: int | None,
     options: _Options,
     keeps_sources: bool = False,
-) -> _Drawn:
+) -> _ReadResult:
     """Read a document as a scene.
 
     - `height`, `width`: size of the canvas in pixels; None for the size that the document declares.
@@ -270,7 +270,7 @@ def _read(
         transform=None if options.transform is None else check_map(options.transform),
         opacity=options.opacity,
         frame=is_course if options.frame is None else options.frame,
-        fit=None if options.fit is None else _FITS[options.fit],
+        fit=None if options.fit is None else _PRESERVE_ASPECT_RATIO[options.fit],
         assets=Assets(
             document.folder,
             None if options.assets is None else Path(options.assets),
@@ -287,20 +287,20 @@ def _read(
             walk(document, CourseReader(context), budget)
         else:
             notices = Notices(document.name, options.strict)
-            with _errors_named(document):
+            with _name_document_in_errors(document):
                 _note_style_sheet(document, notices)
                 drawing = Drawing(Page(tree, context, notices, options.tolerance))
             drawing.painter.keeps_sources = keeps_sources
             drawing.draw()
-        with _errors_named(document):
+        with _name_document_in_errors(document):
             triangles = context.display.finish(height, width)
-    message = context.warning() if is_course else notices.warning()
-    if message and options.strict:
-        raise SvgError(message)
+    notice = context.warning() if is_course else notices.warning()
+    if notice and options.strict:
+        raise SvgError(notice)
     addressing = "corners" if is_course else "half_texel"
-    with _errors_named(document), np.errstate(over="ignore", invalid="ignore"):
+    with _name_document_in_errors(document), np.errstate(over="ignore", invalid="ignore"):
         scene = make_scene(context, triangles, addressing, options.linear)
-    return _Drawn(scene, triangles, drawing, message)
+    return _ReadResult(scene, triangles, drawing, notice)
 
 
 def _note_style_sheet(document: Document, notices: Notices) -> None:
@@ -309,22 +309,22 @@ def _note_style_sheet(document: Document, notices: Notices) -> None:
     Only the first `<?xml-stylesheet ...?>` is noted.
     """
     prolog = document.data.partition(b"<svg")[0]
-    before, found, _ = prolog.partition(b"<?xml-stylesheet")
-    if found:
-        notices.add(WITHOUT_EFFECT, "?xml-stylesheet?", before.count(b"\n") + 1, "href")
+    preceding, marker, _ = prolog.partition(b"<?xml-stylesheet")
+    if marker:
+        notices.add(WITHOUT_EFFECT, "?xml-stylesheet?", preceding.count(b"\n") + 1, "href")
 
 
-def _warn(drawn: _Drawn) -> None:
+def _warn(result: _ReadResult) -> None:
     """Issue the notice of a document, if there is one, as a `UserWarning`.
 
     The warning points to the code that called the public function.
     """
-    if drawn.notice:
-        warnings.warn(drawn.notice, UserWarning, stacklevel=3)
+    if result.notice:
+        warnings.warn(result.notice, UserWarning, stacklevel=3)
 
 
 @contextmanager
-def _errors_named(document: Document) -> Iterator[None]:
+def _name_document_in_errors(document: Document) -> Iterator[None]:
     """Turn errors of the body into `SvgError`s that begin with the document's name.
 
     It is a context manager. It handles `ValueError` and `LIBRARY_ERRORS`; an `SvgError` is passed
@@ -358,8 +358,8 @@ def _canvas_size(
         file_height, file_width = declared_size(document, dialect, tree)
         height = file_height if height is None else height
         width = file_width if width is None else width
-    is_whole = all(isinstance(side, int | np.integer) for side in (height, width))
-    if not is_whole or not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+    is_integer = all(isinstance(side, int | np.integer) for side in (height, width))
+    if not is_integer or not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
         raise ValueError(
             f"{document.name}: `height` and `width` must be whole numbers of pixels, 1 to "
             f"{MAX_SIDE}; got {height!r} and {width!r}."
@@ -390,5 +390,7 @@ def _check_options(options: _Options) -> None:
         raise ValueError("`fit` applies to dialect 'svg' only.")
     if options.fit is not None and options.transform is not None:
         raise ValueError("give `fit` or `transform`, not both.")
-    if options.fit is not None and options.fit not in _FITS:
-        raise ValueError(f"`fit` must be {', '.join(map(repr, _FITS))}; got {options.fit!r}.")
+    if options.fit is not None and options.fit not in _PRESERVE_ASPECT_RATIO:
+        raise ValueError(
+            f"`fit` must be {', '.join(map(repr, _PRESERVE_ASPECT_RATIO))}; got {options.fit!r}."
+        )

@@ -86,8 +86,8 @@ class Notices:
         detail = detail.removeprefix(f"{attribute}: ").rstrip(".")
         cause = _Cause(kind, element[:60], attribute and attribute[:60])
         if self._strict:
-            what = f"{attribute}: {detail or kind}" if attribute else detail or kind
-            raise SvgError(f"{self._name}:{line}: <{cause.element}> {what.rstrip('.')[:300]}.")
+            problem = f"{attribute}: {detail or kind}" if attribute else detail or kind
+            raise SvgError(f"{self._name}:{line}: <{cause.element}> {problem.rstrip('.')[:300]}.")
         if cause not in self._counts:
             self._first[cause] = f"line {line}" + (f": {detail[:100]}" if detail else "")
         self._counts[cause] = self._counts.get(cause, 0) + 1
@@ -100,9 +100,9 @@ class Notices:
         """
         if not self._counts:
             return None
-        return in_one_line(f"{self._name}: {'; '.join(self._parts())}.")
+        return in_one_line(f"{self._name}: {'; '.join(self._texts_by_kind())}.")
 
-    def _parts(self) -> Iterator[str]:
+    def _texts_by_kind(self) -> Iterator[str]:
         """Yield one text for each kind of notice that has been added, which names its causes.
 
         The order is not drawn, without effect, approximate, invalid.
