@@ -70,8 +70,8 @@ def mesh(size: int) -> Subject:
     a, b, c, d = corner, corner + 1, corner + CELLS + 2, corner + CELLS + 1
     triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
     photograph = np.asarray(sr.read_image(sr.pictures.path("fruit")))[..., :3]
-    place = positions[triangles].mean(1) / size * photograph.shape[0]
-    x, y = np.clip(place, 0, photograph.shape[0] - 1).astype(int).T
+    centroid = positions[triangles].mean(1) / size * photograph.shape[0]
+    x, y = np.clip(centroid, 0, photograph.shape[0] - 1).astype(int).T
     colors = (np.rint(photograph[y, x] * 255) / 255).astype(np.float32)
     scene = sr.Scene.from_mesh(positions, triangles, triangle_colors=colors)
     soup = _soup(size, positions[triangles], colors)

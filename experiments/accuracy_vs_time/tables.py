@@ -76,11 +76,11 @@ def publish(results: Path, readme: Path | None) -> None:
 
 
 def _quickest_table(
-    points: Sequence[Point], titles: dict[str, str], bounds: Sequence[float], what: str
+    points: Sequence[Point], titles: dict[str, str], bounds: Sequence[float], error_name: str
 ) -> str:
     """For each bound on the error, the fastest method and the fastest mode of softras2d."""
-    header = ["scene", f"{what} at most", "quickest of all", "ms", "softras2d's quickest", "ms",
-              "softras2d / quickest"]  # fmt: skip
+    header = ["scene", f"{error_name} at most", "quickest of all", "ms", "softras2d's quickest",
+              "ms", "softras2d / quickest"]  # fmt: skip
     lines = []
     for scene in dict.fromkeys(point.scene for point in points):
         of_scene = [point for point in points if point.scene == scene]
@@ -96,10 +96,10 @@ def _cells(point: Point | None) -> tuple[str, str]:
     return (point.name, f"{point.ms:.1f}") if point else ("none", "")
 
 
-def _ahead(points: Sequence[Point], titles: dict[str, str], what: str) -> str:
+def _ahead(points: Sequence[Point], titles: dict[str, str], error_name: str) -> str:
     """Table of peers that are faster than all methods of softras2d with as low an error."""
-    header = ["scene", "peer", "ms", what, "softras2d's quickest with as low an error", "ms", what,
-              "softras2d / peer"]  # fmt: skip
+    header = ["scene", "peer", "ms", error_name, "softras2d's quickest with as low an error", "ms",
+              error_name, "softras2d / peer"]  # fmt: skip
     lines = []
     for scene in dict.fromkeys(point.scene for point in points):
         for peer, match in ahead([point for point in points if point.scene == scene]):
@@ -128,19 +128,22 @@ def _by_scene(
     header: list[str],
 ) -> str:
     """A table for each scene, the fastest method first."""
-    parts = []
+    sections = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
-        mine = [row for row in rows if row["scene"] == scene]
-        fronts = {what: {p.name for p in front(read(mine, key))} for what, key in errors.items()}
+        scene_rows = [row for row in rows if row["scene"] == scene]
+        fronts = {
+            error_name: {p.name for p in front(read(scene_rows, key))}
+            for error_name, key in errors.items()
+        }
         lines = []
-        for row in sorted(mine, key=lambda one: float(one["median_ms"])):
+        for row in sorted(scene_rows, key=lambda row: float(row["median_ms"])):
             name = f"{row['family']}, {row['label']}"
-            on = ", ".join(what for what, names in fronts.items() if name in names)
+            on = ", ".join(error_name for error_name, names in fronts.items() if name in names)
             times = [f"{float(row[key]):.1f}" for key in ("median_ms", "least_ms")]
-            found = [f"{float(row[key]):.2g}" for key in errors.values()]
-            lines.append([name, row["threads"], *times, *found, on])
-        parts.append(f"**{titles[scene]}**\n\n{report.table(header, lines)}")
-    return "\n\n".join(parts)
+            error_cells = [f"{float(row[key]):.2g}" for key in errors.values()]
+            lines.append([name, row["threads"], *times, *error_cells, on])
+        sections.append(f"**{titles[scene]}**\n\n{report.table(header, lines)}")
+    return "\n\n".join(sections)
 
 
 def _left_out(names: Sequence[str]) -> str:

@@ -22,7 +22,7 @@ Draw = Callable[[], NDArray[np.uint8]]
 
 def contestants(subject: Subject) -> list[Contestant]:
     """The renderers of the installed libraries."""
-    found: list[Contestant] = []
+    renderers: list[Contestant] = []
     picture, boxes, paper = _images(subject)
     if importlib.util.find_spec("skia"):
         for label, rate, mipmaps in (
@@ -32,12 +32,12 @@ def contestants(subject: Subject) -> list[Contestant]:
             ("4x4 AA mip", 4, True),
         ):
             draw = _skia(subject.size, picture, boxes, paper, rate, mipmaps)
-            found.append(canvas.contestant("Skia", label, draw, rate=rate))
+            renderers.append(canvas.contestant("Skia", label, draw, rate=rate))
     if importlib.util.find_spec("cairo"):
         for label, rate, best in (("AA", 1, False), ("AA best", 1, True), ("4x4 AA", 4, False)):
             draw = _cairo(subject.size, picture, boxes, paper, rate, best)
-            found.append(canvas.contestant("Cairo", label, draw, rate=rate, reverse=True))
-    return found
+            renderers.append(canvas.contestant("Cairo", label, draw, rate=rate, reverse=True))
+    return renderers
 
 
 def _images(subject: Subject) -> tuple[NDArray[np.uint8], list[list[float]], list[float]]:
@@ -75,7 +75,7 @@ def _skia(
     if mipmaps:
         image = image.withDefaultMipmaps()
         sampling = skia.SamplingOptions(skia.FilterMode.kLinear, skia.MipmapMode.kLinear)
-    whole = skia.Rect.MakeWH(picture.shape[1], picture.shape[0])
+    source_rect = skia.Rect.MakeWH(picture.shape[1], picture.shape[0])
     paint = skia.Paint(AntiAlias=True)
     clear = skia.Color4f(*paper, 1.0)
     # The strict constraint, which is the default, would leave the mip levels unread.
@@ -87,7 +87,7 @@ def _skia(
         target.save()
         target.scale(rate, rate)
         for box in boxes:
-            target.drawImageRect(image, whole, skia.Rect(*box), sampling, paint, fast)
+            target.drawImageRect(image, source_rect, skia.Rect(*box), sampling, paint, fast)
         target.restore()
         return pixels
 
@@ -107,9 +107,9 @@ def _cairo(
     surface = cairo.ImageSurface(cairo.FORMAT_RGB24, size * rate, size * rate)
     pixels = np.frombuffer(surface.get_data(), np.uint8).reshape(size * rate, size * rate, 4)
     height, width = picture.shape[:2]
-    turned: Any = np.ascontiguousarray(picture[..., [2, 1, 0, 3]])
+    bgra: Any = np.ascontiguousarray(picture[..., [2, 1, 0, 3]])
     image = cairo.ImageSurface.create_for_data(
-        memoryview(turned).cast("B"), cairo.FORMAT_RGB24, width, height
+        memoryview(bgra).cast("B"), cairo.FORMAT_RGB24, width, height
     )
     pattern = cairo.SurfacePattern(image)
     pattern.set_extend(cairo.EXTEND_PAD)

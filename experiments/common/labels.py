@@ -46,15 +46,15 @@ def place(
     renderer = axes.figure.canvas.get_renderer()
     frame = axes.get_window_extent(renderer)
     limits = np.array([frame.x0, frame.y0, frame.x1, frame.y1])
-    points = axes.transData.transform([(one.x, one.y) for one in labels])
+    points = axes.transData.transform([(label.x, label.y) for label in labels])
     markers = np.concatenate([points - MARKER_PX, points + MARKER_PX], 1)
     gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
     taken = np.zeros((0, 4))
     lines = np.concatenate([np.zeros((0, 2)), *(_sampled(axes, path) for path in paths)])
     clashes = 0
     for number in np.argsort(-(gaps < 60).sum(1), kind="stable"):
-        one, point = labels[number], points[number]
-        size = _size(axes, one.text, fontsize, renderer)
+        label, point = labels[number], points[number]
+        size = _size(axes, label.text, fontsize, renderer)
         others = np.delete(markers, number, 0)
         options = [
             _option(point, size, angle, radius)
@@ -66,7 +66,7 @@ def place(
         box, leader = options[best]
         clashes += int(_hits(box, taken).any() or _hits(box, others).any())
         taken = np.vstack([taken, box])
-        _write(axes, one, point, box, leader, fontsize)
+        _write(axes, label, point, box, leader, fontsize)
         if _length(leader) > LEADER_FROM_PX:
             lines = np.vstack([lines, leader])
     return clashes
@@ -94,11 +94,11 @@ def _option(
     point: NDArray[np.float64], size: NDArray[np.float64], angle: float, radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The box `x0, y0, x1, y1` of a label in one position, and its sampled line to the point."""
-    way = np.array([np.cos(angle), np.sin(angle)])
+    direction = np.array([np.cos(angle), np.sin(angle)])
     # The distance from the box's middle to its side in this direction, plus `radius`.
-    reach = np.min(size / 2 / np.maximum(np.abs(way), 1e-9))
-    middle = point + way * (radius + reach)
-    near = point + way * radius
+    reach = np.min(size / 2 / np.maximum(np.abs(direction), 1e-9))
+    middle = point + direction * (radius + reach)
+    near = point + direction * radius
     leader = point + np.linspace(0, 1, 16)[:, None] * (near - point)
     return np.concatenate([middle - size / 2, middle + size / 2]), leader
 
@@ -142,7 +142,7 @@ def _inside(points: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[
 
 def _write(
     axes: Any,
-    one: Label,
+    label: Label,
     point: NDArray[np.float64],
     box: NDArray[np.float64],
     leader: NDArray[np.float64],
@@ -150,9 +150,9 @@ def _write(
 ) -> None:
     x, y = axes.transAxes.inverted().transform((box[:2] + box[2:]) / 2)
     axes.text(
-        x, y, one.text, fontsize=fontsize, color=one.color, transform=axes.transAxes,
+        x, y, label.text, fontsize=fontsize, color=label.color, transform=axes.transAxes,
         ha="center", va="center", zorder=5,
     )  # fmt: skip
     if _length(leader) > LEADER_FROM_PX:
         ends = axes.transAxes.inverted().transform(leader[[5, -1]])
-        axes.plot(*ends.T, color=one.color, linewidth=0.5, transform=axes.transAxes, zorder=1)
+        axes.plot(*ends.T, color=label.color, linewidth=0.5, transform=axes.transAxes, zorder=1)

@@ -70,11 +70,11 @@ def _bin_rows(corners, size):
     for row in range(size):
         start[row + 1] += start[row]
     index = np.empty(start[size], np.int32)
-    place = start[:-1].copy()
+    cursor = start[:-1].copy()
     for t in range(corners.shape[0]):
         for row in range(first[t], last[t] + 1):
-            index[place[row]] = t
-            place[row] += 1
+            index[cursor[row]] = t
+            cursor[row] += 1
     return start, index
 
 
@@ -184,10 +184,10 @@ def _draw_row(pixel_row, listed, shapes, colors, background, rate, flat, opaque,
             alpha = np.float32(1.0) if opaque else colors[t, 0, 3]
             for k in range(3):
                 plane = planes[t, k]
-                here = colors[t, 0, k]
+                value = colors[t, 0, k]
                 if not flat:
-                    here = np.float32(plane[0] + plane[1] * first + plane[2] * j)
-                _span(row[k, first : last + 1], here, np.float32(plane[1]), alpha)
+                    value = np.float32(plane[0] + plane[1] * first + plane[2] * j)
+                _span(row[k, first : last + 1], value, np.float32(plane[1]), alpha)
         for k in range(3):
             _add_groups(row[k], rate, total[k])
     scale = np.float32(1.0 / (rate * rate))

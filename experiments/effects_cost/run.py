@@ -47,16 +47,16 @@ def table(rows: list[dict[str, Any]]) -> str:
     """Markdown table: the time of every scene, and its time without each effect."""
     lines = []
     for row in rows:
-        whole = row["effect"] == "the whole scene"
+        is_whole_scene = row["effect"] == "the whole scene"
         with_it, without = (f"{row[key]:.1f}" for key in ("ms", "ms_without"))
         lines.append(
             [
-                f"**{row['scene']}**" if whole else f"without {row['effect']}",
-                with_it if whole else without,
-                "" if whole else f"{100 * row['share']:+.0f} %",
-                f"{row['mib' if whole else 'mib_without']:.1f}",
-                f"{row['mega_operations' if whole else 'mega_operations_without']:.0f}",
-                f"{row['mib_moved' if whole else 'mib_moved_without']:.0f}",
+                f"**{row['scene']}**" if is_whole_scene else f"without {row['effect']}",
+                with_it if is_whole_scene else without,
+                "" if is_whole_scene else f"{100 * row['share']:+.0f} %",
+                f"{row['mib' if is_whole_scene else 'mib_without']:.1f}",
+                f"{row['mega_operations' if is_whole_scene else 'mega_operations_without']:.0f}",
+                f"{row['mib_moved' if is_whole_scene else 'mib_moved_without']:.0f}",
             ]
         )
     header = ["scene", "ms", "effect's share", "MiB", "10^6 operations", "MiB moved"]

@@ -91,7 +91,7 @@ def _loops(flat: sr.Scene) -> dict[str, Any]:
 
 
 YARDSTICK = "compiled loop, flat, each sample, 1 thread"
-OWN = "colours in perspective, each sample"
+PERSPECTIVE = "colours in perspective, each sample"
 
 
 def main() -> None:
@@ -107,7 +107,7 @@ def main() -> None:
                     "least_ms": measured.least,
                     "cpu_ms": measured.cpu,
                     "over_loop": measured.median / times[YARDSTICK].median,
-                    "over_own": measured.median / times[OWN].median,
+                    "over_own": measured.median / times[PERSPECTIVE].median,
                 }
             )
     report.write_csv(HERE / "results" / "shading.csv", rows)

@@ -41,7 +41,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def _line(row: dict[str, Any]) -> list[str]:
-    own = float(row["psnr"])
+    fit_psnr = float(row["psnr"])
     # Earlier runs measured only the mesh with flips.
     static = [float(row[key]) if row.get(key) else None for key in ("greedy_psnr", "static_psnr")]
     return [
@@ -49,11 +49,11 @@ def _line(row: dict[str, Any]) -> list[str]:
         f"{row['family']}, {row['shading']}",
         f"{int(row['parameters']):,}",
         f"{float(row['triangles']):,.0f}",
-        f"{own:.2f}",
+        f"{fit_psnr:.2f}",
         f"{float(row['ssim']):.3f}",
         f"{float(row['seconds']):.0f}",
         f"{float(row['steps']):,.0f}",
-        *(told for one in static for told in _against(own, one)),
+        *(cell for psnr in static for cell in _against(fit_psnr, psnr)),
     ]
 
 

@@ -140,25 +140,25 @@ def greedy_mesh(target: np.ndarray, vertices: int, model: ColorModel) -> Mesh:
 
 
 def static_psnr(target: np.ndarray, mesh: Mesh, model: ColorModel) -> float:
-    found = solve_colors(mesh, Target(target), model=model)
-    corners = np.clip(to_corner_colors(mesh, found, model), 0, 1)
+    colors = solve_colors(mesh, Target(target), model=model)
+    corners = np.clip(to_corner_colors(mesh, colors, model), 0, 1)
     scene = sr.Scene.from_mesh(
         jnp.asarray(mesh.positions, jnp.float32), mesh.triangles, triangle_colors=corners
     )
     return Scorer(target).score(scene).psnr
 
 
-def renew_statics(path: Path, found: dict[str, np.ndarray]) -> None:
+def renew_statics(path: Path, images: dict[str, np.ndarray]) -> None:
     """Measure the static meshes of all rows of a file again; the fits keep their results."""
     rows = report.read_csv(path)
-    missing = {row["picture"] for row in rows} - set(found)
+    missing = {row["picture"] for row in rows} - set(images)
     if missing:
         raise SystemExit(f"{path}: {', '.join(sorted(missing))} is not among the pictures.")
     for number in progress.steps(range(len(rows)), "rows"):
         row = rows[number]
         if row["family"] == "mesh":
             case = Case("mesh", row["shading"], int(row["parameters"]), float(row["seconds"]))
-            row |= static_row(found[row["picture"]], case)
+            row |= static_row(images[row["picture"]], case)
     keys = dict.fromkeys(key for row in rows for key in row)
     report.write_csv(path, [{key: row.get(key, "") for key in keys} for row in rows])
 
@@ -178,12 +178,12 @@ def targets(folder: Path | None, astronaut: bool) -> dict[str, np.ndarray]:
 
 
 def cases(chosen: argparse.Namespace) -> list[Case]:
-    found = [Case("mesh", "gouraud", count, chosen.seconds) for count in chosen.mesh]
-    found += [Case("mesh", "linear", count, chosen.seconds) for count in chosen.linear]
+    listed = [Case("mesh", "gouraud", count, chosen.seconds) for count in chosen.mesh]
+    listed += [Case("mesh", "linear", count, chosen.seconds) for count in chosen.linear]
     for entry in chosen.layers:
         count, seconds = entry.split(":")
-        found.append(Case("layers", "flat", 9 * int(count), float(seconds)))
-    return found
+        listed.append(Case("layers", "flat", 9 * int(count), float(seconds)))
+    return listed
 
 
 def main() -> None:
@@ -205,23 +205,23 @@ def main() -> None:
     chosen = parser.parse_args()
     began = time.perf_counter()
     wanted = [name for name in chosen.only.split(",") if name]
-    found = targets(chosen.folder, chosen.astronaut)
+    images = targets(chosen.folder, chosen.astronaut)
     if chosen.statics:
-        renew_statics(chosen.into / "fits.csv", found)
+        renew_statics(chosen.into / "fits.csv", images)
         figure.publish(HERE / "results", HERE / "README.md")
         return
-    if set(wanted) - set(found):
-        raise SystemExit(f"--only: no picture {', '.join(sorted(set(wanted) - set(found)))}.")
+    if set(wanted) - set(images):
+        raise SystemExit(f"--only: no picture {', '.join(sorted(set(wanted) - set(images)))}.")
     work = [
-        (name, case) for name in found if not wanted or name in wanted for case in cases(chosen)
+        (name, case) for name in images if not wanted or name in wanted for case in cases(chosen)
     ]
     chosen.into.mkdir(parents=True, exist_ok=True)
     rows = []
     for name, case in progress.steps(work, "fits"):
-        rows.append(fit_row(name, found[name], case))
-        square = found[name].shape[0] == found[name].shape[1]
+        rows.append(fit_row(name, images[name], case))
+        square = images[name].shape[0] == images[name].shape[1]
         if case.family == "layers" and square and importlib.util.find_spec("deodr"):
-            rows.append(deodr_row(name, found[name], case))
+            rows.append(deodr_row(name, images[name], case))
         # Write after each picture, so that results remain if the run is interrupted.
         report.write_csv(chosen.into / "fits.csv", rows)
     run = {

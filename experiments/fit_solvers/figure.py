@@ -20,10 +20,10 @@ def publish(results: Path, readme: Path) -> None:
 
 
 def _runs(rows: list[dict[str, Any]]) -> dict[tuple[int, str], list[dict[str, Any]]]:
-    found: dict[tuple[int, str], list[dict[str, Any]]] = {}
+    runs: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for row in rows:
-        found.setdefault((int(row["triangles"]), row["solver"]), []).append(row)
-    return found
+        runs.setdefault((int(row["triangles"]), row["solver"]), []).append(row)
+    return runs
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
@@ -35,7 +35,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
         pace = float(last["seconds"]) / max(steps, 1)
         lines.append(
             [f"{count:,}", f"`{solver}`", last["steps"], f"{pace:.3f}"]
-            + [f"{float(one['psnr']):.2f}" for one in (first, last)]
+            + [f"{float(row['psnr']):.2f}" for row in (first, last)]
         )
     return report.table(header, lines)
 
@@ -59,12 +59,12 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             axes[line][column].plot(x, decibels, label=solver)
         axes[0][column].set_title(f"{count:,} triangles")
     for line, axis in enumerate(("seconds, without compiling", "steps")):
-        for place in axes[line]:
-            place.set_xlabel(axis)
-            place.set_ylabel("PSNR, dB")
-            place.grid(alpha=0.3)
+        for panel in axes[line]:
+            panel.set_xlabel(axis)
+            panel.set_ylabel("PSNR, dB")
+            panel.grid(alpha=0.3)
             if line == 1:
-                place.set_xscale("symlog", linthresh=1)
+                panel.set_xscale("symlog", linthresh=1)
     axes[0][0].legend()
     figure.savefig(path, dpi=110)
     plt.close(figure)

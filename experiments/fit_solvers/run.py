@@ -36,11 +36,11 @@ def rows_of(target: np.ndarray, count: int, solver: str, seconds: float) -> list
     if solver == "adam":
         # The learning rate falls towards the last step, which must be reached when the time ends.
         records, compiled = _fitted(target, count, solver, np.inf, records[-1].steps)
-    own = {"triangles": count, "solver": solver}
-    first = own | {"steps": 0, "seconds": 0.0, "psnr": start.psnr}
+    labels = {"triangles": count, "solver": solver}
+    first = labels | {"steps": 0, "seconds": 0.0, "psnr": start.psnr}
     return [first] + [
-        own | {"steps": one.steps, "seconds": one.seconds - compiled, "psnr": one.psnr}
-        for one in records
+        labels | {"steps": record.steps, "seconds": record.seconds - compiled, "psnr": record.psnr}
+        for record in records
     ]
 
 
@@ -50,8 +50,8 @@ def _fitted(
     """Fit until `seconds` or `steps` are reached; return the records, and the compile time in s."""
     records: list[Any] = []
 
-    def note(moment: Any) -> None:
-        records.append(moment.record)
+    def note(progress: Any) -> None:
+        records.append(progress.record)
         if len(records) > 2 and _compiling(records) + seconds < records[-1].seconds:
             raise KeyboardInterrupt
 

@@ -38,8 +38,10 @@ def position_gradient(
         for y in range(max(y0, 0), min(y1, tiles - 1) + 1):
             for x in range(max(x0, 0), min(x1, tiles - 1) + 1):
                 lists[y * tiles + x].append(number)
-    start = np.concatenate([[0], np.cumsum([len(one) for one in lists])])
-    members = np.array([number for one in lists for number in one], np.int64)
+    start = np.concatenate([[0], np.cumsum([len(members_of_tile) for members_of_tile in lists])])
+    members = np.array(
+        [number for members_of_tile in lists for number in members_of_tile], np.int64
+    )
     planes = _planes(corners, soup.colors.astype(np.float64))
     background = soup.background.astype(np.float64)
     gradient = _integrate(corners, planes, background, weights, start, members, tiles, points)

@@ -25,7 +25,7 @@ def publish(results: Path, readme: Path) -> None:
 
 def _table(rows: list[dict[str, Any]], cell: tuple[str, str, str]) -> str:
     scene, triangles, target = cell
-    own = [r for r in rows if (r["scene"], r["triangles"], r["target"]) == cell]
+    cell_rows = [r for r in rows if (r["scene"], r["triangles"], r["target"]) == cell]
     header = ["mode", "cosine", "relative error", "cosine, colours", "forward, ms",
               "forward + backward, ms", "tangent, ms", "time / DEODR", "first call, s"]  # fmt: skip
     lines = [
@@ -34,7 +34,7 @@ def _table(rows: list[dict[str, Any]], cell: tuple[str, str, str]) -> str:
             _short(r[key])
             for key in ("forward_ms", "gradient_ms", "tangent_ms", "over_deodr", "first_call_s")
         ]
-        for r in own
+        for r in cell_rows
     ]
     title = f"**{scene}, {int(triangles):,} triangles, {target}**"
     return f"{title}\n\n{report.table(header, lines)}"
@@ -59,7 +59,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     figure, axes = plt.subplots(
         1, len(counts), figsize=(5.4 * len(counts), 5), squeeze=False, layout="constrained"
     )
-    found: list[list[Label]] = []
+    labels: list[list[Label]] = []
     for axis, count in zip(axes[0], counts, strict=True):
         points = [
             Label(
@@ -83,10 +83,10 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
         ticks = [ms for ms in (5, 10, 20, 50, 100, 200, 500, 1000, 2000) if low < ms < high]
         axis.set_xticks(ticks, [str(ms) for ms in ticks])
         axis.grid(alpha=0.3)
-        found.append(points)
+        labels.append(points)
     axes[0][0].set_ylabel("1 - cosine to the exact position gradient")
     figure.canvas.draw()
-    for axis, points in zip(axes[0], found, strict=True):
+    for axis, points in zip(axes[0], labels, strict=True):
         place(axis, points, fontsize=8)
     report.save_figure(figure, path)
     plt.close(figure)

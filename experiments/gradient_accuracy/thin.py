@@ -62,7 +62,7 @@ def gradient_of(scene: sr.Scene, coverage: sr.Hard | sr.Area, weights: np.ndarra
 
 def measure(side: float, height: float | None, corners: int) -> tuple[float, float]:
     """Scale and cosine of the gradient at 16 samples per pixel, against the exact gradient."""
-    product = exact = found = 0.0
+    product = exact_squared = hard_squared = 0.0
     for seed in range(REPEATS):
         rng = np.random.default_rng(seed)
         scene = scene_of(rng, side, height, corners)
@@ -70,9 +70,9 @@ def measure(side: float, height: float | None, corners: int) -> tuple[float, flo
         weights = squares.repeat(SQUARE, 0).repeat(SQUARE, 1).astype(np.float32)
         hard, area = (gradient_of(scene, c, weights) for c in (sr.Hard(16), sr.Area()))
         product += float((hard * area).sum())
-        exact += float((area**2).sum())
-        found += float((hard**2).sum())
-    return product / exact, product / np.sqrt(exact * found)
+        exact_squared += float((area**2).sum())
+        hard_squared += float((hard**2).sum())
+    return product / exact_squared, product / np.sqrt(exact_squared * hard_squared)
 
 
 def main() -> None:

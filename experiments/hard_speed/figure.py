@@ -55,22 +55,22 @@ def draw(times: Times) -> Figure:
 def _error_against_time(axes: Any, times: Times) -> None:
     entries = [e for e in times.scene("flat", 1000, 512) if e.rmse is not None]
     for family, color in COLORS.items():
-        mine = [e for e in entries if e.family == family]
-        if not mine:
+        family_entries = [e for e in entries if e.family == family]
+        if not family_entries:
             continue
         if family in ("scanline", "scalar loop"):
-            mine = [e for e in mine if e.threads == 1]
+            family_entries = [e for e in family_entries if e.threads == 1]
         joined = family in ("softras2d", "scanline", "scalar loop")
         axes.plot(
-            [e.median_ms for e in mine],
-            [e.rmse for e in mine],
+            [e.median_ms for e in family_entries],
+            [e.rmse for e in family_entries],
             marker=MARKERS[family],
             linestyle="-" if joined else "none",
             linewidth=1,
             color=color,
-            label=_family_label(family, mine),
+            label=_family_label(family, family_entries),
         )
-        for entry in mine:
+        for entry in family_entries:
             text = _SHORT.get(entry.sampling, entry.sampling.split()[0])
             axes.annotate(
                 text if joined else f"{family} {text}",

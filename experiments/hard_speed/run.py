@@ -83,39 +83,48 @@ def fresh_cells(quick: bool) -> Iterator[tuple[str, int, int, int]]:
 
 
 def contestants(cell: Cell, soup: Soup, only: set[str]) -> list[Contestant]:
-    found = []
+    chosen = []
     if not only or "softras2d" in only:
-        found += [ours.softras2d(soup, samples) for samples in cell.samples]
+        chosen += [ours.softras2d(soup, samples) for samples in cell.samples]
     for samples in cell.loop_samples:
         for threads in sorted({1, ours.CORES}):
-            found.append(ours.loop(soup, samples, threads, by_rows=True))
+            chosen.append(ours.loop(soup, samples, threads, by_rows=True))
             if cell.size == 512:
-                found.append(ours.loop(soup, samples, threads, by_rows=False))
+                chosen.append(ours.loop(soup, samples, threads, by_rows=False))
     everybody = (cell.count, cell.size) == (1000, 512)
-    found += [
-        one for one in peers.contestants(soup) if everybody or one.sampling != LARGE_ANTI_ALIASED
+    chosen += [
+        contestant
+        for contestant in peers.contestants(soup)
+        if everybody or contestant.sampling != LARGE_ANTI_ALIASED
     ]
-    return [one for one in found if not only or one.family in only]
+    return [contestant for contestant in chosen if not only or contestant.family in only]
 
 
 def run_cell(cell: Cell, only: set[str], budget_s: float) -> list[dict[str, Any]]:
     """One row for each contestant."""
     soup = random_soup(cell.count, cell.size, cell.kind)
     truth = scanline.truth(soup, CACHE)
-    found = contestants(cell, soup, only)
-    rmse = {one.name: _rmse(one.image(one.draw()), truth) for one in found}
-    times = interleave({one.name: one.draw for one in found}, budget_s=budget_s)
-    return [_row(cell, one, times[one.name], rmse[one.name]) for one in found]
+    drawn = contestants(cell, soup, only)
+    rmse = {
+        contestant.name: _rmse(contestant.image(contestant.draw()), truth) for contestant in drawn
+    }
+    times = interleave(
+        {contestant.name: contestant.draw for contestant in drawn}, budget_s=budget_s
+    )
+    return [
+        _row(cell, contestant, times[contestant.name], rmse[contestant.name])
+        for contestant in drawn
+    ]
 
 
-def _row(cell: Cell, one: Contestant, times: Times, rmse: float | None) -> dict[str, Any]:
+def _row(cell: Cell, contestant: Contestant, times: Times, rmse: float | None) -> dict[str, Any]:
     return {
         "kind": cell.kind,
         "triangles": cell.count,
         "size_px": cell.size,
-        "family": one.family,
-        "sampling": one.sampling,
-        "threads": one.threads,
+        "family": contestant.family,
+        "sampling": contestant.sampling,
+        "threads": contestant.threads,
         "median_ms": times.median,
         "least_ms": times.least,
         "cpu_ms": times.cpu,
@@ -133,11 +142,11 @@ def _rmse(image: np.ndarray, truth: np.ndarray) -> float | None:
 
 def measure_fresh(quick: bool) -> list[dict[str, Any]]:
     """First renders and peak memory, each in a separate process."""
-    found = []
+    rows = []
     for kind, count, size, samples in fresh_cells(quick):
         about = {"kind": kind, "triangles": count, "size_px": size, "samples": samples}
-        found.append(about | fresh.measure(kind, count, size, samples))
-    return found
+        rows.append(about | fresh.measure(kind, count, size, samples))
+    return rows
 
 
 def main() -> None:

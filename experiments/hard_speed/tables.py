@@ -93,22 +93,22 @@ def one_scene_table(times: Times) -> str:
 def all_scenes_tables(times: Times) -> str:
     """For each kind, median milliseconds and RMSE of each contestant on each scene."""
     scenes = [(size, count) for size in SIZES_PX for count in COUNTS]
-    parts = []
+    sections = []
     for kind in KINDS:
         labels = list(times.labels(kind, _SAMPLINGS))
         if labels:
-            found = {
+            entries = {
                 (entry.label, entry.size_px, entry.triangles): entry
                 for size, count in scenes
                 for entry in times.scene(kind, count, size)
             }
             rows = [
-                [label, *(_cell(found.get((label, *scene))) for scene in scenes)]
+                [label, *(_cell(entries.get((label, *scene))) for scene in scenes)]
                 for label in labels
             ]
             header = ["contestant", *(f"{size} px, {count:,}" for size, count in scenes)]
-            parts.append(f"**{KIND_NAMES[kind]}**\n\n{report.table(header, rows)}")
-    return "\n\n".join(parts)
+            sections.append(f"**{KIND_NAMES[kind]}**\n\n{report.table(header, rows)}")
+    return "\n\n".join(sections)
 
 
 def machine_line(run: dict[str, Any]) -> str:

@@ -60,8 +60,10 @@ class Times:
 
     def labels(self, kind: str, samplings: tuple[str, ...]) -> Iterator[str]:
         """Each contestant of a kind of scene once, in order."""
-        found = (e.label for e in self.entries if e.kind == kind and e.sampling in samplings)
-        yield from dict.fromkeys(found)
+        labels_of_entries = (
+            e.label for e in self.entries if e.kind == kind and e.sampling in samplings
+        )
+        yield from dict.fromkeys(labels_of_entries)
 
 
 def load(path: Path) -> Times:

@@ -22,19 +22,19 @@ from .variants import VARIANTS, per_sample
 
 DETAILS = {"overlap": (176, 82), "crossing": (110, 105), "carpets": (108, 110)}
 """Upper left corner (x, y) of the enlarged part of each scene."""
-PART, ZOOM = 24, 9
+DETAIL_SIDE, ZOOM = 24, 9
 
 
 def sheet(path: Path, pictures: dict[str, dict[str, np.ndarray]], samples: int) -> None:
     """Draw a row for each scene: the full image, then the detail by each method."""
     strips = []
     for name, (x, y) in DETAILS.items():
-        whole = pictures[name]["MSAA"].astype(np.float32)
-        captions, images = ["MSAA; the part in the frame, enlarged:"], [_framed(whole, x, y)]
+        full_image = pictures[name]["MSAA"].astype(np.float32)
+        captions, images = ["MSAA; the part in the frame, enlarged:"], [_framed(full_image, x, y)]
         for method, image in pictures[name].items():
-            part = image[y : y + PART, x : x + PART].astype(np.float32)
+            detail = image[y : y + DETAIL_SIDE, x : x + DETAIL_SIDE].astype(np.float32)
             captions.append(method)
-            images.append(part.repeat(ZOOM, 0).repeat(ZOOM, 1))
+            images.append(detail.repeat(ZOOM, 0).repeat(ZOOM, 1))
         strips.append(Strip(name, f"{samples} samples per pixel", captions, images))
     path.parent.mkdir(parents=True, exist_ok=True)
     sr.write_image(path, contact_sheet(strips, across=1))
@@ -44,10 +44,10 @@ def _framed(image: np.ndarray, x: int, y: int) -> np.ndarray:
     """The image with the border of the detail drawn in a colour that no scene has."""
     framed = image.copy()
     color = np.array([1.0, 0.0, 0.8], np.float32)
-    for row in (y - 1, y + PART):
-        framed[row, x - 1 : x + PART + 1] = color
-    for column in (x - 1, x + PART):
-        framed[y - 1 : y + PART + 1, column] = color
+    for row in (y - 1, y + DETAIL_SIDE):
+        framed[row, x - 1 : x + DETAIL_SIDE + 1] = color
+    for column in (x - 1, x + DETAIL_SIDE):
+        framed[y - 1 : y + DETAIL_SIDE + 1, column] = color
     return framed
 
 
@@ -102,9 +102,12 @@ def _owner_color(drawn: list[Triangle], point: np.ndarray) -> np.ndarray:
 def _geometry(axes: Any, points: np.ndarray, near: Triangle, far: Triangle) -> None:
     _square(axes, (-0.25, 1.25))
     axes.set_facecolor("black")
-    for triangle, label, place in ((far, "far", (0.88, 1.13)), (near, "near", (0.2, 1.13))):
+    for triangle, label, label_position in (
+        (far, "far", (0.88, 1.13)),
+        (near, "near", (0.2, 1.13)),
+    ):
         axes.add_patch(Polygon(triangle.corners, facecolor=triangle.color, edgecolor="black"))
-        axes.text(*place, label, ha="center", va="center", fontsize=11)
+        axes.text(*label_position, label, ha="center", va="center", fontsize=11)
     axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, linewidth=2))
     axes.plot(*points.T, "o", color="black", markersize=6)
 

@@ -119,11 +119,11 @@ def measure_times(samples: int) -> list[dict[str, Any]]:
             cases[method] = scene, subjects.plan(scene, samples, shading, filter)
         calls = {method: functools.partial(_draw, *case) for method, case in cases.items()}
         times = interleave(calls, rounds=15, budget_s=20.0)
-        for method, found in times.items():
+        for method, measured in times.items():
             row: dict[str, Any] = {"scene": name, "method": method, "samples": samples}
-            row |= {"median_ms": found.median, "least_ms": found.least}
-            row["median_over_flat"] = found.median / times["flat"].median
-            row["least_over_flat"] = found.least / times["flat"].least
+            row |= {"median_ms": measured.median, "least_ms": measured.least}
+            row["median_over_flat"] = measured.median / times["flat"].median
+            row["least_over_flat"] = measured.least / times["flat"].least
             rows.append(row)
     return rows
 

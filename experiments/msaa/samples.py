@@ -64,9 +64,9 @@ def triangles(scene: sr.Scene, size: int) -> Iterator[Triangle]:
     """The triangles of a scene in draw order, snapped to the package's grid."""
     unit = 2.0 ** Grid.for_canvas(size, size, 1).bits
     positions = np.round(np.asarray(scene.positions, np.float64) * unit) / unit
-    none = np.zeros(len(positions))
-    depth = none if scene.depth is None else np.asarray(scene.depth, np.float64)
-    inverse_w = none + 1 if scene.inverse_w is None else np.asarray(scene.inverse_w, np.float64)
+    zeros = np.zeros(len(positions))
+    depth = zeros if scene.depth is None else np.asarray(scene.depth, np.float64)
+    inverse_w = zeros + 1 if scene.inverse_w is None else np.asarray(scene.inverse_w, np.float64)
     texels = None
     if scene.textures is not None:
         _, height, width = np.asarray(scene.textures.levels)[0, 0]
@@ -97,21 +97,21 @@ def color_of_pixels(triangle: Triangle, points: np.ndarray, chosen: np.ndarray) 
     A colour is evaluated at the pixel's centre if the triangle contains the centre, else at the
     centroid of the covered samples, hidden ones included, so that nothing is extrapolated.
     """
-    found = chosen.any(axis=-1)
-    at = points[found]
+    has_samples = chosen.any(axis=-1)
+    at = points[has_samples]
     weight = triangle.covers(at)[..., None]
     # The grid is symmetric: the mean of a pixel's samples is its centre.
     centre = at.mean(axis=1)
     centroid = (at * weight).sum(axis=1) / weight.sum(axis=1)
-    place = np.where(triangle.covers(centre)[:, None], centre, centroid)
-    return triangle.color_at(place)
+    position = np.where(triangle.covers(centre)[:, None], centre, centroid)
+    return triangle.color_at(position)
 
 
 def _bilinear(texels: np.ndarray, uv: np.ndarray) -> np.ndarray:
     size = np.array(texels.shape[1::-1])
-    place = np.clip(uv * size - 0.5, 0, size - 1)
-    near = np.minimum(np.floor(place), size - 2).astype(int)
-    (x, y), (right, down) = np.moveaxis(near, -1, 0), np.moveaxis(place - near, -1, 0)[..., None]
+    position = np.clip(uv * size - 0.5, 0, size - 1)
+    near = np.minimum(np.floor(position), size - 2).astype(int)
+    (x, y), (right, down) = np.moveaxis(near, -1, 0), np.moveaxis(position - near, -1, 0)[..., None]
     above = texels[y, x] * (1 - right) + texels[y, x + 1] * right
     below = texels[y + 1, x] * (1 - right) + texels[y + 1, x + 1] * right
     return above * (1 - down) + below * down

@@ -71,11 +71,13 @@ def per_sample(drawn: Sequence[Triangle], points: np.ndarray, background: np.nda
     shaded = 0
     for index, triangle in enumerate(drawn):
         box = triangle.box(len(points))
-        own = owner[box] == index
-        found = own.any(axis=-1)
-        color = color_of_pixels(triangle, points[box], own)
-        store[box][found] = np.where(own[found][..., None], color[:, None], store[box][found])
-        shaded += int(found.sum())
+        is_owner = owner[box] == index
+        is_visible = is_owner.any(axis=-1)
+        color = color_of_pixels(triangle, points[box], is_owner)
+        store[box][is_visible] = np.where(
+            is_owner[is_visible][..., None], color[:, None], store[box][is_visible]
+        )
+        shaded += int(is_visible.sum())
     return store.mean(axis=2), shaded
 
 
@@ -91,9 +93,9 @@ def owners(drawn: Sequence[Triangle], points: np.ndarray) -> np.ndarray:
 
 def _pass_depth_test(triangle: Triangle, points: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """The samples where a triangle passes the depth test; its depth is stored there."""
-    here = triangle.depth_at(points)
-    passed = triangle.covers(points) & (here <= depth)
-    depth[passed] = here[passed]
+    triangle_depth = triangle.depth_at(points)
+    passed = triangle.covers(points) & (triangle_depth <= depth)
+    depth[passed] = triangle_depth[passed]
     return passed
 
 

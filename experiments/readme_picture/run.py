@@ -12,7 +12,7 @@ RESULTS = Path(__file__).parent / "results"
 SIZE = 300
 DETAILS = {"joints": (150, 60), "slivers": (120, 120), "wheel": (262, 120), "glass": (120, 90)}
 """Upper left corner (x, y) of the enlarged part of each scene."""
-PART, ZOOM = 36, 8
+DETAIL_SIDE, ZOOM = 36, 8
 
 
 def main() -> None:
@@ -24,12 +24,12 @@ def main() -> None:
         for samples in (1, 4, 16):
             plan = sr.plan(scene, height=SIZE, width=SIZE, coverage=sr.Hard(samples=samples))
             images[samples] = np.asarray(sr.render(scene, plan))
-        parts = [
-            image[y : y + PART, x : x + PART].repeat(ZOOM, 0).repeat(ZOOM, 1)
+        details = [
+            image[y : y + DETAIL_SIDE, x : x + DETAIL_SIDE].repeat(ZOOM, 0).repeat(ZOOM, 1)
             for image in images.values()
         ]
         captions = ["16 samples", "1 sample, x8", "4 samples, x8", "16 samples, x8"]
-        strips.append(Strip(name, scenes.purpose(name), captions, [images[16], *parts]))
+        strips.append(Strip(name, scenes.purpose(name), captions, [images[16], *details]))
     sr.write_image(RESULTS / "readme.png", contact_sheet(strips, across=1))
 
 

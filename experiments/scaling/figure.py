@@ -55,8 +55,8 @@ def publish(results: Path, readme: Path | None) -> None:
 def series(rows: list[Row], axis: str, what: str, cost: str) -> tuple[list[float], list[float]]:
     """The measured sizes and costs."""
     key = COSTS[cost][0]
-    mine = [r for r in rows if (r["axis"], r["what"]) == (axis, what) and r[key]]
-    return [float(r["size"]) for r in mine], [float(r[key]) for r in mine]
+    measured = [r for r in rows if (r["axis"], r["what"]) == (axis, what) and r[key]]
+    return [float(r["size"]) for r in measured], [float(r[key]) for r in measured]
 
 
 def axes_of(rows: list[Row]) -> list[str]:
@@ -72,12 +72,12 @@ def draw_growth(rows: list[Row]) -> Figure:
         2 * blocks, across, figsize=(3.9 * across, 5.8 * blocks), layout="constrained",
         squeeze=False,
     )  # fmt: skip
-    for place, name in enumerate(names):
+    for index, name in enumerate(names):
         for lower, cost in enumerate(COSTS):
-            axes = grid[2 * (place // across) + lower][place % across]
+            axes = grid[2 * (index // across) + lower][index % across]
             _draw_growth(axes, rows, name, cost)
             axes.set_title(name if lower == 0 else "")
-            if place % across == 0:
+            if index % across == 0:
                 axes.set_ylabel(COSTS[cost][1])
     for axes in grid.flat[2 * len(names) :] if len(names) % across else ():
         axes.set_visible(False)
@@ -87,13 +87,13 @@ def draw_growth(rows: list[Row]) -> Figure:
 def _draw_growth(axes: Any, rows: list[Row], name: str, cost: str) -> None:
     for what in WHAT:
         sizes, costs = series(rows, name, what, cost)
-        found = fit(sizes, costs)
-        label = what if found is None else f"{what}: {found}"
+        fitted = fit(sizes, costs)
+        label = what if fitted is None else f"{what}: {fitted}"
         axes.plot(sizes, costs, MARKERS[what], color=COLORS[what], markersize=5, label=label)
         axes.plot(sizes, costs, color=COLORS[what], linewidth=0.6)
-        if found is not None:
-            ends = [found.first, found.last]
-            axes.plot(ends, [_fitted(found, size) for size in ends], color="black", linewidth=1.2)
+        if fitted is not None:
+            ends = [fitted.first, fitted.last]
+            axes.plot(ends, [_fitted(fitted, size) for size in ends], color="black", linewidth=1.2)
     axes.set(xscale="log", yscale="log", xlabel=LABELS[name])
     low, high = axes.get_ylim()
     # Leave space for the legend above the lines. Show at least a decade, so that slopes compare.
@@ -110,8 +110,8 @@ def _draw_growth(axes: Any, rows: list[Row], name: str, cost: str) -> None:
         axes.set_xticks(sizes, [_plain(size, 0) for size in sizes], rotation=30)
 
 
-def _fitted(found: Fit, size: float) -> float:
-    return found.scale * size**found.exponent
+def _fitted(law: Fit, size: float) -> float:
+    return law.scale * size**law.exponent
 
 
 def _plain(value: float, _: Any) -> str:
@@ -127,18 +127,18 @@ def draw_ways(rows: list[Row]) -> Figure:
         squeeze=False,
     )  # fmt: skip
     for axes, scene in zip(grid[0], scenes, strict=True):
-        mine = {r["way"]: r for r in rows if r["scene"] == scene}
-        place = range(len(ways))
-        find = [float(mine[way]["find_ms"]) for way in ways]
-        resolve = [float(mine[way]["resolve_ms"]) for way in ways]
+        by_way = {r["way"]: r for r in rows if r["scene"] == scene}
+        positions = range(len(ways))
+        find = [float(by_way[way]["find_ms"]) for way in ways]
+        resolve = [float(by_way[way]["resolve_ms"]) for way in ways]
         at_once = [way in (COUNTED, OURS) for way in ways]
         colors = ["#D55E00" if way == OURS else "#0072B2" for way in ways]
-        axes.barh(place, find, color=colors, hatch=["//" if one else "" for one in at_once],
-                  edgecolor="white", label="_")  # fmt: skip
-        axes.barh(place, resolve, left=find, color="#BBBBBB")
+        hatch = ["//" if is_at_once else "" for is_at_once in at_once]
+        axes.barh(positions, find, color=colors, hatch=hatch, edgecolor="white", label="_")
+        axes.barh(positions, resolve, left=find, color="#BBBBBB")
         for y, (a, b) in enumerate(zip(find, resolve, strict=True)):
             axes.text(a + b, y, f" {a + b:.3g}", va="center", fontsize=8.5)
-        axes.set(xlabel="median time (ms)", title=_scene_title(scene, mine[YARDSTICK]))
+        axes.set(xlabel="median time (ms)", title=_scene_title(scene, by_way[YARDSTICK]))
         axes.title.set_fontsize(10)
         axes.margins(x=0.14)
         axes.grid(axis="x", alpha=0.3)
@@ -172,8 +172,8 @@ def exponents_table(rows: list[Row]) -> str:
     for name in axes_of(rows):
         for what in WHAT:
             sizes, times = series(rows, name, what, "time")
-            held_at, held = series(rows, name, what, "memory")
-            if not sizes or not held:
+            memory_sizes, memories = series(rows, name, what, "memory")
+            if not sizes or not memories:
                 continue
             lines.append(
                 [
@@ -181,8 +181,8 @@ def exponents_table(rows: list[Row]) -> str:
                     f"{_plain(sizes[0], 0)} to {_plain(sizes[-1], 0)}",
                     f"{_three(times[0])} to {_three(times[-1])}",
                     str(fit(sizes, times) or ""),
-                    f"{_three(held[0])} to {_three(held[-1])}",
-                    str(fit(held_at, held) or ""),
+                    f"{_three(memories[0])} to {_three(memories[-1])}",
+                    str(fit(memory_sizes, memories) or ""),
                 ]
             )
     header = ["cost against", "range", "ms", "exponent of time", "MiB", "exponent of memory"]
@@ -231,13 +231,13 @@ def memory_table(rows: list[Row]) -> str:
 
 def ways_tables(rows: list[Row]) -> str:
     """For each scene, times and their ratio to the bounding box by rows."""
-    parts = []
+    sections = []
     for scene in dict.fromkeys(r["scene"] for r in rows):
-        mine = [r for r in rows if r["scene"] == scene]
-        base = next(r for r in mine if r["way"] == YARDSTICK)
-        whole = float(base["find_ms"]) + float(base["resolve_ms"])
+        scene_rows = [r for r in rows if r["scene"] == scene]
+        base = next(r for r in scene_rows if r["way"] == YARDSTICK)
+        base_ms = float(base["find_ms"]) + float(base["resolve_ms"])
         lines = []
-        for r in mine:
+        for r in scene_rows:
             find, resolve = float(r["find_ms"]), float(r["resolve_ms"])
             alone = r["way"] not in (COUNTED, OURS)
             lines.append(
@@ -246,7 +246,7 @@ def ways_tables(rows: list[Row]) -> str:
                     _three(find) if alone else "",
                     f"{find / float(base['find_ms']):.2f}" if alone else "",
                     _three(find + resolve),
-                    f"{(find + resolve) / whole:.2f}",
+                    f"{(find + resolve) / base_ms:.2f}",
                     _three(float(r["cpu_ms"]) + resolve),
                 ]
             )
@@ -254,13 +254,13 @@ def ways_tables(rows: list[Row]) -> str:
                   "image / box by rows", "processor ms"]  # fmt: skip
         boxed, covered, shown = (float(base[key]) for key in ("boxed", "covered", "shown"))
         set_up = float(base["set_up_ms"])
-        parts.append(
+        sections.append(
             f"**{_scene_title(scene, base)}**: {boxed / 1e6:,.1f} million samples in bounding "
             f"boxes, {covered / 1e6:,.2f} million covered ({100 * covered / boxed:.1f} %), "
             f"{shown / 1e6:,.2f} million shown. Edges and boxes take {_three(set_up)} ms of each "
             f"loop.\n\n{report.table(header, lines)}"
         )
-    return "\n\n".join(parts)
+    return "\n\n".join(sections)
 
 
 def _three(value: float) -> str:

@@ -32,15 +32,15 @@ class Program:
         began = time.perf_counter()
         self.compiled = jax.jit(function).lower(*arguments).compile()
         self.compile_s = time.perf_counter() - began
-        held = self.compiled.memory_analysis()
-        if held is None:
+        memory = self.compiled.memory_analysis()
+        if memory is None:
             raise ValueError("this backend does not report the memory that a program takes.")
-        self.argument_memory = held.argument_size_in_bytes
+        self.argument_memory = memory.argument_size_in_bytes
         self.memory = (
-            held.argument_size_in_bytes
-            + held.output_size_in_bytes
-            + held.temp_size_in_bytes
-            - held.alias_size_in_bytes
+            memory.argument_size_in_bytes
+            + memory.output_size_in_bytes
+            + memory.temp_size_in_bytes
+            - memory.alias_size_in_bytes
         )
 
     def __call__(self) -> Any:

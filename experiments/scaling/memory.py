@@ -43,7 +43,7 @@ def measure(what: str, case: Case) -> dict[str, Any]:
 def _draw_once(what: str, case: Case) -> dict[str, float]:
     from .growth import Drawing
 
-    found = {"imported_mib": _status_mib("VmHWM")}
+    result = {"imported_mib": _status_mib("VmHWM")}
     program = Drawing(case).program(what)
     before, before_peak = _status_mib("VmRSS"), _status_mib("VmHWM")
     Path("/proc/self/clear_refs").write_text("5")  # Reset VmHWM to the current resident set.
@@ -51,7 +51,7 @@ def _draw_once(what: str, case: Case) -> dict[str, float]:
     results = program()
     peak = _status_mib("VmHWM")
     del results
-    return found | {
+    return result | {
         "program_mib": program.memory / 2**20,
         "arguments_mib": program.argument_memory / 2**20,
         "grown_mib": peak - before,

@@ -67,8 +67,8 @@ def main() -> None:
         growth_rows(axes, results / "growth.csv", budget_s=0.5 if options.quick else 3.0)
     if "memory" in parts:
         cases = QUICK_MEMORY_CASES if options.quick else MEMORY_CASES
-        found = [memory.measure(*one) for one in progress.steps(cases, "memory")]
-        report.write_csv(results / "memory.csv", found)
+        memory_rows = [memory.measure(*case) for case in progress.steps(cases, "memory")]
+        report.write_csv(results / "memory.csv", memory_rows)
     if "traversal" in parts:
         rows: list[dict[str, Any]] = []
         for name, soup in visits.scenes(options.quick):

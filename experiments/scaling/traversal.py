@@ -223,12 +223,12 @@ def list_tiles(edges, boxes, tiles):
     """Triangles of each tile in draw order: `start [tiles * tiles + 1]` and `index`."""
     start = np.zeros(tiles * tiles + 1, np.int64)
     index = np.empty(0, np.int32)
-    place = start
+    cursor = start
     for fill in (False, True):
         if fill:
             start = np.cumsum(start)
             index = np.empty(start[-1], np.int32)
-            place = start[:-1].copy()
+            cursor = start[:-1].copy()
         for t in range(boxes.shape[0]):
             left, right, top, bottom = boxes[t]
             if left > right or top > bottom:
@@ -238,8 +238,8 @@ def list_tiles(edges, boxes, tiles):
                     if _touches(edges, t, column, row):
                         tile = row * tiles + column
                         if fill:
-                            index[place[tile]] = t
-                            place[tile] += 1
+                            index[cursor[tile]] = t
+                            cursor[tile] += 1
                         else:
                             start[tile + 1] += 1
     return start, index
@@ -268,8 +268,8 @@ def tile_lists(edges, boxes, owner):
     for tile in range(tiles * tiles):
         row, column = tile // tiles, tile % tiles
         covered[:] = 0
-        for place in range(start[tile + 1] - 1, start[tile] - 1, -1):
-            t = index[place]
+        for entry in range(start[tile + 1] - 1, start[tile] - 1, -1):
+            t = index[entry]
             _see(edges, boxes, t, column, row, covered, seen)
             for j in range(TILE):
                 if seen[j]:
@@ -300,8 +300,8 @@ def tile_lists_counted(edges, boxes, colors, background, image):
         row, column = tile // tiles, tile % tiles
         covered[:] = 0
         pixels = image[row * side : (row + 1) * side, column * side : (column + 1) * side]
-        for place in range(start[tile + 1] - 1, start[tile] - 1, -1):
-            t = index[place]
+        for entry in range(start[tile + 1] - 1, start[tile] - 1, -1):
+            t = index[entry]
             _see(edges, boxes, t, column, row, covered, seen)
             for j in range(TILE):
                 if seen[j]:

@@ -46,8 +46,8 @@ def tiling() -> sr.Scene:
     corner = np.arange(CELLS * (CELLS + 1)).reshape(CELLS, CELLS + 1)[:, :-1].ravel()
     a, b, c, d = corner, corner + 1, corner + CELLS + 2, corner + CELLS + 1
     triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    place = positions[triangles].mean((1, 2)) / SIZE
-    colors = colormaps["Blues"](0.95 - 0.6 * place)[:, :3]
+    centroid = positions[triangles].mean((1, 2)) / SIZE
+    colors = colormaps["Blues"](0.95 - 0.6 * centroid)[:, :3]
     return sr.Scene.from_mesh(positions, triangles, triangle_colors=colors)
 
 

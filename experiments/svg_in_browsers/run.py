@@ -40,14 +40,14 @@ FITS: dict[str, tuple[str, dict[str, Any]]] = {
 
 def fitted(name: str, folder: Path) -> sr.FitResult:
     """The fit of a row, read from the cache if the cache has it."""
-    kept = CACHE / f"{re.sub('[^a-z0-9]+', '_', name)}.npz"
-    if not kept.exists():
+    cached = CACHE / f"{re.sub('[^a-z0-9]+', '_', name)}.npz"
+    if not cached.exists():
         picture, options = FITS[name]
         budget = {} if "steps" in options else {"seconds": SECONDS}
         image = sr.read_image(folder / f"{picture}.png")
-        kept.parent.mkdir(exist_ok=True)
-        sr.fit(image, seed=0, **budget, **options).save(kept)
-    return sr.FitResult.load(kept)
+        cached.parent.mkdir(exist_ok=True)
+        sr.fit(image, seed=0, **budget, **options).save(cached)
+    return sr.FitResult.load(cached)
 
 
 def polygons_alone(path: Path) -> str:

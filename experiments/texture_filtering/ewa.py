@@ -125,6 +125,6 @@ def _widen(xx, xy, yy, least):
     if spread == 0.0:
         return long, 0.0, long
     # The new matrix is a weighted sum of the unit matrix and the old matrix's traceless part.
-    part = 0.5 * (long - short) / spread
+    factor = 0.5 * (long - short) / spread
     half = 0.5 * (long + short)
-    return half + part * 0.5 * (xx - yy), part * xy, half - part * 0.5 * (xx - yy)
+    return half + factor * 0.5 * (xx - yy), factor * xy, half - factor * 0.5 * (xx - yy)

@@ -45,10 +45,10 @@ def footprints(scene: sr.Scene, *, plane: bool) -> Footprints:
     uv = np.asarray(scene.uv, np.float64)[owner]
     texture = np.maximum(np.asarray(scene.texture_index)[owner], 0)
     sizes = np.asarray(scene.textures.levels)[texture, 0][..., [2, 1]]
-    place = np.einsum("hwc,hwck->hwk", weights.value, uv)
+    position = np.einsum("hwc,hwck->hwk", weights.value, uv)
     # Columns are steps along x and y.
     slope = np.einsum("hwca,hwck->hwka", weights.slope, uv)
-    return Footprints(surface, texture, place, slope * sizes[..., None], interior)
+    return Footprints(surface, texture, position, slope * sizes[..., None], interior)
 
 
 class _Weights(NamedTuple):

@@ -22,7 +22,7 @@ from .methods import SAMPLES, Method
 
 DETAILS = {"zone_plate": (155, 235), "ground": (206, 67), "stretched": (98, 180)}
 """Upper left corner (x, y) of the enlarged part of each scene."""
-PART, ZOOM = 24, 5
+DETAIL_SIDE, ZOOM = 24, 5
 
 FILTERS = (
     ("nearest", "zero", 1),
@@ -65,8 +65,8 @@ def write(
 
 def _detail(image: np.ndarray, corner: tuple[int, int]) -> np.ndarray:
     x, y = corner
-    part = image[y : y + PART, x : x + PART].astype(np.float32)
-    return part.repeat(ZOOM, 0).repeat(ZOOM, 1)
+    detail = image[y : y + DETAIL_SIDE, x : x + DETAIL_SIDE].astype(np.float32)
+    return detail.repeat(ZOOM, 0).repeat(ZOOM, 1)
 
 
 # Colours that colour-blind readers can distinguish: Okabe and Ito, *Color Universal Design* (2008).
@@ -94,13 +94,13 @@ def error_against_time(
     )
     for axes, name in zip(panels, scenes, strict=True):
         for label, color in COLORS.items():
-            mine = [row for row in rows if (row["scene"], row["filter"]) == (name, label)]
-            mine = [row for row in mine if row["over_yardstick"]]
-            times = [float(row["over_yardstick"]) for row in mine]
-            errors = [float(row["rmse"]) for row in mine]
+            measured_rows = [row for row in rows if (row["scene"], row["filter"]) == (name, label)]
+            measured_rows = [row for row in measured_rows if row["over_yardstick"]]
+            times = [float(row["over_yardstick"]) for row in measured_rows]
+            errors = [float(row["rmse"]) for row in measured_rows]
             marker = "s" if label.startswith("nearest") else "o"
             axes.plot(times, errors, marker=marker, linewidth=1.2, color=color, label=label)
-            for row, x, y in zip(mine, times, errors, strict=True):
+            for row, x, y in zip(measured_rows, times, errors, strict=True):
                 axes.annotate(
                     row["samples"], (x, y), (4, 4), textcoords="offset points", fontsize=7,
                     color=color,
@@ -110,10 +110,12 @@ def error_against_time(
             for row in rows
             if (row["scene"], row["filter"]) == (name, "bilinear, level linear")
         }
-        mine = [row for row in biased if row["scene"] == name and row["samples"] in trilinear]
+        measured_rows = [
+            row for row in biased if row["scene"] == name and row["samples"] in trilinear
+        ]
         # The bias is an array, so that the program and its time are the same.
-        times = [trilinear[row["samples"]] for row in mine]
-        errors = [float(row["rmse"]) for row in mine]
+        times = [trilinear[row["samples"]] for row in measured_rows]
+        errors = [float(row["rmse"]) for row in measured_rows]
         label = "bilinear, level linear, biased to the samples"
         axes.plot(times, errors, "o--", linewidth=1.2, color="#D55E00", mfc="white", label=label)
         axes.set(xscale="log", yscale="log", title=name)

@@ -29,16 +29,21 @@ def load(seed: int) -> dict[str, sr.Scene]:
 
 def pyramids(seed: int) -> dict[str, dict[str, int]]:
     """Bytes of the base level and of the full pyramid of each scene's texture."""
-    found = {}
+    sizes = {}
     for name in (*FLAT, GROUND):
         textures = _read(name, seed).textures
         assert textures is not None
         _, height, width = np.asarray(textures.levels)[0, 0].tolist()
         bytes_per_texel = textures.texels.dtype.itemsize * textures.channels
-        whole = textures.texels.shape[0] * bytes_per_texel
+        pyramid_bytes = textures.texels.shape[0] * bytes_per_texel
         base_bytes = height * width * bytes_per_texel
-        found[name] = {"height": height, "width": width, "base": base_bytes, "pyramid": whole}
-    return found
+        sizes[name] = {
+            "height": height,
+            "width": width,
+            "base": base_bytes,
+            "pyramid": pyramid_bytes,
+        }
+    return sizes
 
 
 def base(scene: sr.Scene, texture: int = 0) -> np.ndarray:
@@ -61,12 +66,12 @@ def _read(name: str, seed: int) -> sr.Scene:
     return photograph.scene(seed) if name == "photograph" else scenes.read(name)
 
 
-def _share_structure(found: list[sr.Scene]) -> list[sr.Scene]:
+def _share_structure(scenes_read: list[sr.Scene]) -> list[sr.Scene]:
     """Pad scenes with the textures of all scenes and hidden triangles, for equal array shapes."""
-    most = max(scene.triangles.shape[0] for scene in found)
-    pyramid = sr.TexturePyramid.build([base(scene) for scene in found])
+    most = max(scene.triangles.shape[0] for scene in scenes_read)
+    pyramid = sr.TexturePyramid.build([base(scene) for scene in scenes_read])
     same = []
-    for index, scene in enumerate(found):
+    for index, scene in enumerate(scenes_read):
         assert scene.uv is not None and scene.texture_index is not None
         missing = most - scene.triangles.shape[0]
         corners = scene.positions[scene.triangles]

@@ -41,19 +41,19 @@ def publish(results: Path, readme: Path | None) -> None:
 
 def filters_table(rows: list[dict[str, Any]]) -> str:
     """One row for each filter and number of samples."""
-    found = {(row["scene"], row["filter"], row["samples"]): row for row in rows}
+    by_cell = {(row["scene"], row["filter"], row["samples"]): row for row in rows}
     methods = dict.fromkeys((row["filter"], row["samples"]) for row in rows)
     lines = []
     for method in methods:
-        mine = {scene: found[scene, *method] for scene in _SCENES}
+        by_scene = {scene: by_cell[scene, *method] for scene in _SCENES}
         lines.append(
             [
                 *method,
-                f"{100 * float(mine['zone_plate']['moire']):.1f} %",
-                *(f"{float(mine[scene]['rmse']):.4f}" for scene in _SCENES),
-                *(_ratio(mine[scene]) for scene in _TIMED),
-                mine[subjects.GROUND]["texels"],
-                f"{float(mine['stretched']['traffic_mb']):.0f}" if method[1] == "1" else "",
+                f"{100 * float(by_scene['zone_plate']['moire']):.1f} %",
+                *(f"{float(by_scene[scene]['rmse']):.4f}" for scene in _SCENES),
+                *(_ratio(by_scene[scene]) for scene in _TIMED),
+                by_scene[subjects.GROUND]["texels"],
+                f"{float(by_scene['stretched']['traffic_mb']):.0f}" if method[1] == "1" else "",
             ]
         )
     header = ["filter", "samples", "moire", *(scene.replace("_", " ") for scene in _SCENES)]
@@ -68,13 +68,13 @@ def _ratio(row: dict[str, Any]) -> str:
 def compared_table(rows: list[dict[str, Any]]) -> str:
     """Probes and EWA on both scenes, one row per filter."""
     scenes = dict.fromkeys(row["scene"] for row in rows)
-    found = {(row["scene"], row["filter"]): row for row in rows}
+    by_cell = {(row["scene"], row["filter"]): row for row in rows}
     lines = []
     for name in dict.fromkeys(row["filter"] for row in rows):
-        mine = [found[scene, name] for scene in scenes]
+        filter_rows = [by_cell[scene, name] for scene in scenes]
         cells = [
             cell
-            for row in mine
+            for row in filter_rows
             for cell in (
                 f"{float(row['rmse']):.4f}",
                 f"{float(row['mean_texels']):.1f}",
@@ -89,17 +89,17 @@ def compared_table(rows: list[dict[str, Any]]) -> str:
 
 def bias_table(rows: list[dict[str, Any]]) -> str:
     """Trilinear with the level of detail lowered towards the spacing of the samples."""
-    found = {(row["samples"], row["lod_bias"], row["scene"]): row for row in rows}
+    by_cell = {(row["samples"], row["lod_bias"], row["scene"]): row for row in rows}
     lines = []
     for samples, bias in dict.fromkeys((row["samples"], row["lod_bias"]) for row in rows):
-        mine = [found[samples, bias, scene] for scene in _SCENES]
-        moire = f"{100 * float(mine[0]['moire']):.1f} %"
+        bias_rows = [by_cell[samples, bias, scene] for scene in _SCENES]
+        moire = f"{100 * float(bias_rows[0]['moire']):.1f} %"
         lines.append(
             [
                 f"{samples}",
                 f"{float(bias):g}",
                 moire,
-                *(f"{float(row['rmse']):.4f}" for row in mine),
+                *(f"{float(row['rmse']):.4f}" for row in bias_rows),
             ]
         )
     scenes = [scene.replace("_", " ") for scene in _SCENES]
@@ -111,12 +111,12 @@ def bytes_table(pyramids: dict[str, dict[str, int]]) -> str:
     lines = [
         [
             name.replace("_", " "),
-            f"{one['height']} x {one['width']}",
-            f"{one['base']:,}",
-            f"{one['pyramid']:,}",
-            f"{one['pyramid'] / one['base']:.3f}",
+            f"{size['height']} x {size['width']}",
+            f"{size['base']:,}",
+            f"{size['pyramid']:,}",
+            f"{size['pyramid'] / size['base']:.3f}",
         ]
-        for name, one in pyramids.items()
+        for name, size in pyramids.items()
     ]
     return report.table(["scene", "texels", "base, bytes", "pyramid, bytes", "ratio"], lines)
 

@@ -173,12 +173,12 @@ def _times(call: Callable[[], Any], count: int) -> Times:
 
 def _memory(page: Page, views: int) -> list[float]:
     """Resident memory of the process, in MiB, after each fifth of the views."""
-    held = []
+    resident_mib = []
     for view in range(views):
         page.press(("ArrowLeft", "i", "ArrowUp", "ArrowRight", "o", "ArrowDown")[view % 6])
         if (view + 1) % max(views // 5, 1) == 0:
-            held.append(round(_resident(), 1))
-    return held
+            resident_mib.append(round(_resident(), 1))
+    return resident_mib
 
 
 def _resident() -> float:
@@ -202,8 +202,8 @@ def table(result: dict[str, Any]) -> str:
     for row in result["rows"]:
         cells = [_cell(row, key) for key in columns.values()]
         lines.append(f"| {row['scene']} | " + " | ".join(cells) + " |")
-    held = ", ".join(f"{mib:.0f}" for mib in result["memory_mib"])
-    return "\n".join([*lines, "", f"Memory: {held} MiB"])
+    memory = ", ".join(f"{mib:.0f}" for mib in result["memory_mib"])
+    return "\n".join([*lines, "", f"Memory: {memory} MiB"])
 
 
 def _cell(row: dict[str, Any], key: str | tuple[str, str]) -> str:
