@@ -212,7 +212,7 @@ class TestNearPlane:
         assert first[0] == second[0] and first[2] == second[1]
 
     @pytest.mark.parametrize(
-        ("z", "parts"),
+        ("z", "count"),
         [
             ((-1, -1, -1), 1),  # lies in the plane
             ((-1, -1, -2), 1),
@@ -223,11 +223,11 @@ class TestNearPlane:
             ((0, 0, 0), 0),
         ],
     )
-    def test_corners_on_the_plane_by_hand(self, z, parts):
+    def test_corners_on_the_plane_by_hand(self, z, count):
         vertices = np.stack([[0, 1, 0], [0, 0, 1], z], axis=-1)
         for turn in range(3):
             scene = project_white(np.roll(vertices, turn, axis=0), [[0, 1, 2]])
-            assert len(scene.triangles) == parts
+            assert len(scene.triangles) == count
             assert (np.asarray(scene.inverse_w) <= 1).all()
 
     def test_a_scene_behind_the_viewer_is_empty(self):

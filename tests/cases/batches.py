@@ -58,15 +58,17 @@ def batch_from(scenes: list[sr.Scene], plan: sr.Plan, name: str | None = None) -
     """
     first = scenes[0]
 
-    def part(scene: sr.Scene) -> Any:
+    def varied_input(scene: sr.Scene) -> Any:
         return scene if name is None else getattr(scene, name)
 
     def draw(floats: Any) -> jax.Array:
-        changed = eqx.combine(floats, eqx.filter(part(first), eqx.is_inexact_array, inverse=True))
-        scene = changed if name is None else eqx.tree_at(part, first, changed)
+        changed = eqx.combine(
+            floats, eqx.filter(varied_input(first), eqx.is_inexact_array, inverse=True)
+        )
+        scene = changed if name is None else eqx.tree_at(varied_input, first, changed)
         return sr.render_checked(scene, plan)[0]
 
-    floats = stack([float_leaves(part(scene)) for scene in scenes])
+    floats = stack([float_leaves(varied_input(scene)) for scene in scenes])
     return Batch(draw, floats, random_like(floats, seed=5))
 
 

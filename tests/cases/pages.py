@@ -57,14 +57,14 @@ def running_browser() -> Iterator[Any]:
         browser.close()
 
 
-def wait_for(is_true: Callable[[], Any], what: str) -> None:
+def wait_for(is_true: Callable[[], Any], expectation: str) -> None:
     """Wait until a condition holds, and fail the test after `SECONDS`.
 
     Playwright's own function evaluates strings in the page, which the viewer's policy forbids.
     """
     until = time.monotonic() + SECONDS
     while not is_true():
-        assert time.monotonic() < until, f"waited for {what}"
+        assert time.monotonic() < until, f"waited for {expectation}"
         time.sleep(0.05)
 
 

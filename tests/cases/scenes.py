@@ -109,9 +109,9 @@ def beside(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:
     corners = rng.uniform(0, 0.5, (COUNT, 3, 2)) * size.max()
     side = rng.integers(-1, 2, (COUNT, 1, 2))
     side[(side == 0).all(axis=-1)] = 1
-    placed = np.where(side < 0, -corners, np.where(side > 0, size + corners, corners))
+    outside = np.where(side < 0, -corners, np.where(side > 0, size + corners, corners))
     touching = rng.random((COUNT, 3, 1)) < 0.3
-    return np.where(touching, np.where(side < 0, 0, np.where(side > 0, size, placed)), placed)
+    return np.where(touching, np.where(side < 0, 0, np.where(side > 0, size, outside)), outside)
 
 
 def in_band(rng: np.random.Generator, canvas: Canvas) -> np.ndarray:

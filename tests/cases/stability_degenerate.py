@@ -319,9 +319,9 @@ def collapse(mode: str, *, random: int = 3) -> list[dict[str, Any]]:
                     for h in LEAST_HEIGHTS
                 )
 
-            size = max(np.abs(found.gradient).max() for found in thick)
-            speed = max(np.abs(found.tangent).max() for found in thick)
-            largest = max(np.abs(found.gradient).max() for found in by_height.values())
+            size = max(np.abs(derivatives.gradient).max() for derivatives in thick)
+            speed = max(np.abs(derivatives.tangent).max() for derivatives in thick)
+            largest = max(np.abs(derivatives.gradient).max() for derivatives in by_height.values())
             where = "by the origin" if case < len(BY_THE_ORIGIN) else "anywhere"
             row = {"mode": mode, "width": width or "", "case": where, "value": change("image")}
             ratios = {"gradient": change("gradient") / size, "jvp": change("tangent") / speed}

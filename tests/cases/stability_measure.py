@@ -99,15 +99,15 @@ def from_package(
         ),
     )
     weight = jnp.asarray(weight_of((size, size, 3)), dtype)
-    found = products(scene, plan, stack([direction]), weight, jnp.asarray(compared, dtype))
-    assert not found.overflow
-    found = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), found)
+    results = products(scene, plan, stack([direction]), weight, jnp.asarray(compared, dtype))
+    assert not results.overflow
+    results = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), results)
 
     def split(moved: Any) -> tuple[np.ndarray, ...]:
         return moved.positions.reshape(-1, 3, 2), moved.colors[:, 0], moved.background
 
-    normal = jax.tree.map(lambda leaf: leaf[0], found.normal)
-    return Numbers(found.image, split(found.gradient), found.tangents[0], split(normal))
+    normal = jax.tree.map(lambda leaf: leaf[0], results.normal)
+    return Numbers(results.image, split(results.gradient), results.tangents[0], split(normal))
 
 
 def reference(case: Case, mode: str) -> tuple[Numbers, np.ndarray]:
@@ -138,27 +138,27 @@ def reference(case: Case, mode: str) -> tuple[Numbers, np.ndarray]:
     return Numbers(known.image, known.backward(weight), jvp, normal), compared
 
 
-def relative_error(found: Any, true: Any) -> float:
+def relative_error(actual: Any, expected: Any) -> float:
     """The greatest difference in any array of a result, over the greatest true number or 1."""
-    pairs = list(zip(jax.tree.leaves(found), jax.tree.leaves(true), strict=True))
+    pairs = list(zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True))
     if not all(np.isfinite(a).all() for a, _ in pairs):
         return np.inf
     scale = max(1.0, *(float(np.abs(b).max(initial=0)) for _, b in pairs))
     return max(float(np.abs(a - b).max(initial=0)) for a, b in pairs) / scale
 
 
-def compare(found: Numbers, true: Numbers, compared: np.ndarray) -> Errors:
-    """Errors of `found` against `true`; infinite if any number of `found` is not finite.
+def compare(actual: Numbers, expected: Numbers, compared: np.ndarray) -> Errors:
+    """Errors of `actual` against `expected`; infinite if any number of `actual` is not finite.
 
     The jvp is compared only at the pixels `compared`.
     """
     mask = compared[..., None]
-    jvp = np.where(mask | ~np.isfinite(found.jvp), found.jvp, 0)
+    jvp = np.where(mask | ~np.isfinite(actual.jvp), actual.jvp, 0)
     return Errors(
-        relative_error(found.image, true.image),
-        relative_error(found.gradient, true.gradient),
-        relative_error(jvp, true.jvp * mask),
-        relative_error(found.gauss_newton, true.gauss_newton),
+        relative_error(actual.image, expected.image),
+        relative_error(actual.gradient, expected.gradient),
+        relative_error(jvp, expected.jvp * mask),
+        relative_error(actual.gauss_newton, expected.gauss_newton),
         float(compared.mean()),
     )
 

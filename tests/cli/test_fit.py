@@ -206,7 +206,7 @@ def test_a_fit_starts_from_a_file(photo, tmp_path, family):
         [*first, "-o", names[0], "-o", names[1]], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    found = sr.FitResult.load(names[0])
+    saved = sr.FitResult.load(names[0])
     for name in names if family == "layers" else names[:1]:
         again = [*COMMAND, str(photo), "-n", "8", "--steps", "0", "--family", family]
         done = subprocess.run(
@@ -215,8 +215,8 @@ def test_a_fit_starts_from_a_file(photo, tmp_path, family):
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         result = sr.FitResult.load(tmp_path / "b.npz")
-        np.testing.assert_allclose(result.scene.positions, found.scene.positions, atol=1e-3)
-        assert result.psnr > found.psnr - (0.2 if family == "layers" else 1.0)
+        np.testing.assert_allclose(result.scene.positions, saved.scene.positions, atol=1e-3)
+        assert result.psnr > saved.psnr - (0.2 if family == "layers" else 1.0)
     over = subprocess.run(
         [*first, "--start", names[0], "-o", names[0]], capture_output=True, text=True, check=False
     )

@@ -160,14 +160,14 @@ def test_an_edge_cut_right_beside_a_vertex_is_not_moved():
         1,
     ).astype(np.float32)
     white = np.ones((1, 3), np.float32)
-    scenes = [sr.Scene.from_soup(one[None], white, background=BLACK) for one in corners]
+    scenes = [sr.Scene.from_soup(triangle[None], white, background=BLACK) for triangle in corners]
     plan = _plan(scenes, on)
     column = (np.arange(64 * on.rate) + 0.5) / on.rate
     x, y = np.meshgrid(column, column)
-    for one, scene in zip(corners.astype(np.float64), scenes, strict=True):
-        sign = np.sign(np.linalg.det(one[1:] - one[0]))
+    for triangle, scene in zip(corners.astype(np.float64), scenes, strict=True):
+        sign = np.sign(np.linalg.det(triangle[1:] - triangle[0]))
         inside = np.full(x.shape, np.inf)
-        for a, b in zip(one, np.roll(one, -1, 0), strict=True):
+        for a, b in zip(triangle, np.roll(triangle, -1, 0), strict=True):
             dx, dy = b - a
             distance = sign * (dx * (y - a[1]) - dy * (x - a[0])) / np.hypot(dx, dy)
             inside = np.minimum(inside, distance)

@@ -224,8 +224,10 @@ def test_visibility_buffers_are_their_shape_and_the_scene():
     assert repr(visible) == f"Visibility: triangle [20, 30, 4]\n  {repr(FLAT).splitlines()[0]}"
     layers = jnp.zeros((20, 30, 4), jnp.int32)
     values = jnp.zeros((20, 30, 4)), jnp.zeros((20, 30, 4, 3))
-    found = sr.PixelLayers(layers, *values, FLAT, plan)
-    assert repr(found) == f"PixelLayers: triangle [20, 30, 4]\n  {repr(FLAT).splitlines()[0]}"
+    pixel_layers = sr.PixelLayers(layers, *values, FLAT, plan)
+    assert (
+        repr(pixel_layers) == f"PixelLayers: triangle [20, 30, 4]\n  {repr(FLAT).splitlines()[0]}"
+    )
     texts = []
     jax.jit(lambda visible: texts.append(repr(visible)))(visible)
     assert texts[0].endswith("float32, traced")

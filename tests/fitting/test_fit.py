@@ -55,8 +55,8 @@ def test_the_same_seed_gives_the_same_result():
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["layers", "mesh"])
 def test_an_interrupted_fit_resumes_to_the_uninterrupted_result(family, tmp_path):
-    def interrupt(moment):
-        if moment.record.steps >= 50:
+    def interrupt(progress):
+        if progress.record.steps >= 50:
             raise KeyboardInterrupt
 
     settings: dict[str, Any] = {"triangles": 14, "family": family, "seed": 1}

@@ -159,7 +159,7 @@ def test_stopped_after_an_exchange_the_best_before_it_is_returned(family, monkey
     name = "layers" if family is LayersFit else "mesh"
     result = sr.fit(
         TARGET, triangles=30, family=name, steps=500,
-        report=lambda moment: records.append(moment.record.psnr),
+        report=lambda progress: records.append(progress.record.psnr),
     )  # fmt: skip
     monkeypatch.undo()
     assert result.interrupted

@@ -75,11 +75,13 @@ def test_removal_costs_are_the_rise_of_the_error(corner_colors, translucent, wei
 
 def test_gains_are_the_drop_of_the_error():
     image = np.tile(TARGET.mean((0, 1)), (HEIGHT, WIDTH, 1))
-    placed = find_new_triangles(
+    candidates = find_new_triangles(
         np.random.default_rng(0), image, Target(TARGET), 5, circumradius=8.0
     )
-    assert 0 < len(placed.corners) <= 5
-    for corners, color, gain in zip(placed.corners, placed.colors, placed.gains, strict=True):
+    assert 0 < len(candidates.corners) <= 5
+    for corners, color, gain in zip(
+        candidates.corners, candidates.colors, candidates.gains, strict=True
+    ):
         is_inside, _ = inside(corners)
         before = ((image - TARGET) ** 2).sum(-1)[is_inside].sum()
         after = ((color - TARGET) ** 2).sum(-1)[is_inside].sum()
@@ -90,18 +92,20 @@ def test_gains_are_the_drop_of_the_error():
 
 def test_nothing_is_placed_where_nothing_is_gained():
     flat = np.full_like(TARGET, 0.3)
-    placed = find_new_triangles(np.random.default_rng(0), flat, Target(flat), 5, circumradius=8.0)
-    assert len(placed.corners) == 0
+    candidates = find_new_triangles(
+        np.random.default_rng(0), flat, Target(flat), 5, circumradius=8.0
+    )
+    assert len(candidates.corners) == 0
 
 
 def test_triangles_are_placed_where_weights_are():
     weights = np.zeros((HEIGHT, WIDTH))
     weights[:, :20] = 1
     image = np.zeros_like(TARGET)
-    placed = find_new_triangles(
+    candidates = find_new_triangles(
         np.random.default_rng(0), image, Target(TARGET, weights), 8, circumradius=4.0
     )
-    assert (placed.corners[..., 0].mean(1) < 22).all()
+    assert (candidates.corners[..., 0].mean(1) < 22).all()
 
 
 def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
@@ -110,37 +114,37 @@ def test_pixels_of_either_orientation_have_the_weights_of_their_corners():
     pairs = soup_pixels(corners, height=HEIGHT, width=WIDTH)
     for one in range(6):
         is_inside, weights = inside(corners[one])
-        mine = pairs.triangle == one
-        assert set(pairs.pixel[mine]) == set(np.flatnonzero(is_inside))
-        wanted = weights.reshape(-1, 3)[pairs.pixel[mine]].T
-        np.testing.assert_allclose(pairs.weights[:, mine], wanted, atol=1e-9)
+        of_triangle = pairs.triangle == one
+        assert set(pairs.pixel[of_triangle]) == set(np.flatnonzero(is_inside))
+        wanted = weights.reshape(-1, 3)[pairs.pixel[of_triangle]].T
+        np.testing.assert_allclose(pairs.weights[:, of_triangle], wanted, atol=1e-9)
 
 
 def test_a_black_shape_on_a_clear_background_counts_as_error():
     """Premultiplied, black differs from a transparent background only in its alpha."""
     target = np.zeros((HEIGHT, WIDTH, 4))
     target[10:30, 12:36, 3] = 1
-    placed = find_new_triangles(
+    candidates = find_new_triangles(
         np.random.default_rng(0), np.zeros_like(target), Target(target), 4, circumradius=8.0
     )
-    assert len(placed.corners) > 0
-    assert placed.colors.max() == 0
-    for one, gain in zip(placed.corners, placed.gains, strict=True):
+    assert len(candidates.corners) > 0
+    assert candidates.colors.max() == 0
+    for one, gain in zip(candidates.corners, candidates.gains, strict=True):
         covered = inside(one)[0]
         drawn = np.where(covered[..., None], [0.0, 0.0, 0.0, 1.0], 0.0)
         expected = (target**2).sum() - ((drawn - target) ** 2).sum()
         assert gain == pytest.approx(expected)
     costs = removal_costs(
-        placed.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
+        candidates.corners[:1], np.zeros((1, 1, 3)), None, Target(target), np.zeros(4, np.float32)
     )
-    assert costs == pytest.approx(placed.gains[:1])
+    assert costs == pytest.approx(candidates.gains[:1])
 
 
 def test_candidates_in_blocks_are_those_of_one_block(monkeypatch):
     whole, blocks = [], []
-    for pairs, placed in ((2.0**40, whole), (50.0, blocks)):
+    for pairs, candidates in ((2.0**40, whole), (50.0, blocks)):
         monkeypatch.setattr(placement, "_MAX_PAIRS", pairs)
-        placed += find_new_triangles(
+        candidates += find_new_triangles(
             np.random.default_rng(0), np.zeros_like(TARGET), Target(TARGET), 6, circumradius=7.0
         )
     for a, b in zip(whole, blocks, strict=True):

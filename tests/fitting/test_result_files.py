@@ -167,8 +167,8 @@ def test_indices_and_meshes_are_checked(tmp_path):
             other = mesh[name].copy()
             other[0, 0] = value
             assert "triangles` must be " in error_of(write_fit(tmp_path, mesh | {name: other}))
-    turned = mesh["state.mesh.triangles"][:, ::-1]
-    arrays = mesh | {"state.mesh.triangles": turned}
+    reversed_triangles = mesh["state.mesh.triangles"][:, ::-1]
+    arrays = mesh | {"state.mesh.triangles": reversed_triangles}
     assert "`state.mesh` must tile the canvas" in error_of(write_fit(tmp_path, arrays))
     arrays = mesh | {"state.mesh.positions": 2 * mesh["state.mesh.positions"]}
     assert "`state.mesh` must cover the fit, 20 x 16" in error_of(write_fit(tmp_path, arrays))

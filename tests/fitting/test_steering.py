@@ -41,8 +41,8 @@ def test_every_triangle_has_a_color_of_the_palette(settings, tmp_path):
     palette = np.array([[0, 0, 0], [0.9, 0.2, 0.1], [0.1, 0.3, 0.8], [0.6, 0.6, 0.5]], np.float32)
     shown = []
 
-    def report(moment):
-        shown.append(np.asarray(moment.scene().colors)[..., :3])
+    def report(progress):
+        shown.append(np.asarray(progress.scene().colors)[..., :3])
 
     result = sr.fit(TARGET, triangles=16, palette=palette, steps=48, report=report, **settings)
     allowed = set(map(tuple, palette.tolist()))
@@ -136,7 +136,7 @@ def test_added_triangles_stay_where_they_were_placed():
     scenes = []
     result = sr.fit(
         TARGET, triangles=12, freeze="positions", steps=40,
-        report=lambda moment: scenes.append((moment.record.active, moment.scene())),
+        report=lambda progress: scenes.append((progress.record.active, progress.scene())),
     )  # fmt: skip
     for active, scene in scenes:
         placed = np.asarray(scene.positions)[: 3 * active]
@@ -251,10 +251,10 @@ def test_a_callback_makes_a_fit_symmetric_and_may_stop_it():
 
 @pytest.mark.slow
 def test_a_callback_of_a_mesh_moves_vertices_as_far_as_no_triangle_flips():
-    def pull(scene, report):
+    def gather(scene, report):
         return replace(scene, positions=scene.positions.at[:].set(16.0))
 
-    result = sr.fit(TARGET, triangles=24, family="mesh", start="uniform", steps=8, callback=pull)
+    result = sr.fit(TARGET, triangles=24, family="mesh", start="uniform", steps=8, callback=gather)
     corners = np.asarray(result.scene.positions)[np.asarray(result.scene.triangles)]
     ab, ac = (corners[:, k] - corners[:, 0] for k in (1, 2))
     areas = (ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]) / 2

@@ -70,9 +70,9 @@ def test_bits_of_positions_lie_in_their_plane():
     position = jnp.arange(70, dtype=jnp.int32)
     for plane in range(3):
         before = np.asarray(bits_before(position, jnp.asarray(plane)))
-        own = np.asarray(entry_bit(position, jnp.asarray(plane)))
-        for place in range(70):
+        at_position = np.asarray(entry_bit(position, jnp.asarray(plane)))
+        for entry in range(70):
             numbers = 32 * plane + np.arange(32)
             weights = np.uint64(1) << np.arange(32, dtype=np.uint64)
-            assert before[place] == weights[numbers < place].sum()
-            assert own[place] == weights[numbers == place].sum()
+            assert before[entry] == weights[numbers < entry].sum()
+            assert at_position[entry] == weights[numbers == entry].sum()

@@ -18,9 +18,9 @@ def _squares(entries):
 def test_blocks_have_the_results_of_all_entries_at_once(size, used):
     x, y = jnp.arange(10.0), jnp.arange(30.0).reshape(10, 3)
     results = jax.jit(lambda *entries: map_blocks(_squares, entries, jnp.asarray(used), size=size))
-    whole = min(used, 10)
+    compared = min(used, 10)
     for actual, expected in zip(results(x, y), _squares((x, y)), strict=True):
-        np.testing.assert_array_equal(actual[:whole], expected[:whole])
+        np.testing.assert_array_equal(actual[:compared], expected[:compared])
 
 
 def test_elements_of_a_batch_may_use_different_numbers_of_entries():

@@ -36,8 +36,8 @@ def colors_at(scene: sr.Scene):
 
 
 def draw_layers(scene: sr.Scene, plan: sr.Plan, layers: int = COUNT):
-    found = sr.pixel_layers if plan.side else sr.rasterize
-    return sr.composite(found(scene, plan, layers=layers), colors_at(scene))
+    draw_buffers = sr.pixel_layers if plan.side else sr.rasterize
+    return sr.composite(draw_buffers(scene, plan, layers=layers), colors_at(scene))
 
 
 def gradient(draw, scene: sr.Scene, plan: sr.Plan):
@@ -123,11 +123,11 @@ def test_fewer_layers_leave_out_the_deepest():
     scene = sr.Scene.from_soup(corners, np.eye(3))
     for coverage in (sr.Soft(0.5), sr.Area()):
         plan = sr.plan(scene, height=8, width=8, coverage=coverage)
-        found = sr.pixel_layers(scene, plan, layers=2)
-        np.testing.assert_array_equal(found.triangle[2, 2], [2, 1])
-        np.testing.assert_allclose(found.coverage[2, 2], 1, atol=1e-6)
-        np.testing.assert_allclose(found.barycentric.sum(-1)[2, 2], 1, atol=1e-6)
-        assert found.coverage.shape == (8, 8, 2)
+        buffers = sr.pixel_layers(scene, plan, layers=2)
+        np.testing.assert_array_equal(buffers.triangle[2, 2], [2, 1])
+        np.testing.assert_allclose(buffers.coverage[2, 2], 1, atol=1e-6)
+        np.testing.assert_allclose(buffers.barycentric.sum(-1)[2, 2], 1, atol=1e-6)
+        assert buffers.coverage.shape == (8, 8, 2)
     empty = sr.Scene.from_soup([], [])
     plan = sr.plan(empty, height=8, width=8, coverage=sr.Area())
     assert (sr.pixel_layers(empty, plan, layers=1).triangle == -1).all()
@@ -198,11 +198,11 @@ def test_one_layer_takes_an_array_without_an_axis_of_layers():
 def test_composite_refuses_other_shapes():
     scene = scene_of(alpha=False)
     plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=sr.Area())
-    found = sr.pixel_layers(scene, plan, layers=2)
+    buffers = sr.pixel_layers(scene, plan, layers=2)
     with pytest.raises(ValueError, match="`values` must be"):
-        sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 2)))
+        sr.composite(buffers, np.zeros((HEIGHT, WIDTH, 2, 2)))
     for shade in (lambda t, b: (b, b), lambda t, b: b[:, 0], lambda t, b: b[:1]):
         with pytest.raises(ValueError, match="`values` must map"):
-            sr.composite(found, shade)
+            sr.composite(buffers, shade)
     with pytest.raises(ValueError, match="`background` must be"):
-        sr.composite(found, np.zeros((HEIGHT, WIDTH, 2, 3), np.float32), background=[0.0])
+        sr.composite(buffers, np.zeros((HEIGHT, WIDTH, 2, 3), np.float32), background=[0.0])

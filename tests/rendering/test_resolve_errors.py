@@ -55,10 +55,12 @@ def test_several_layers_are_refused():
 
 def test_layers_of_analytic_coverage_are_refused():
     scene, _ = small_scene()
-    found = sr.pixel_layers(scene, sr.plan(scene, height=8, width=9, coverage=sr.Area()), layers=2)
+    buffers = sr.pixel_layers(
+        scene, sr.plan(scene, height=8, width=9, coverage=sr.Area()), layers=2
+    )
     with pytest.raises(ValueError, match="use `composite` for several, and for the result of"):
         # Without the check of annotations, which comes first in tests.
-        inspect.unwrap(sr.resolve)(found, weights_as_values)
+        inspect.unwrap(sr.resolve)(buffers, weights_as_values)
 
 
 def image_of(scene: sr.Scene, plan: sr.Plan) -> Any:

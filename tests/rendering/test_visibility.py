@@ -134,12 +134,14 @@ def test_translucent_triangles_are_layers_like_opaque_ones():
 @pytest.mark.slow
 def test_orientation_permutes_the_weights():
     soup = soup_of(2, texels=None)
-    turned = replace(soup, corners=soup.corners[:, [0, 2, 1]])
+    reoriented = replace(soup, corners=soup.corners[:, [0, 2, 1]])
     plan = plan_of(scene_of(soup), ON, PLAIN)
-    visible, visible_turned = (sr.rasterize(scene_of(one), plan) for one in (soup, turned))
-    np.testing.assert_array_equal(visible.triangle, visible_turned.triangle)
-    weights, weights_turned = (np.asarray(buffers_of(one)[0]) for one in (visible, visible_turned))
-    np.testing.assert_allclose(weights, weights_turned[..., [0, 2, 1]], atol=4e-7)
+    visible, visible_reoriented = (sr.rasterize(scene_of(one), plan) for one in (soup, reoriented))
+    np.testing.assert_array_equal(visible.triangle, visible_reoriented.triangle)
+    weights, weights_reoriented = (
+        np.asarray(buffers_of(one)[0]) for one in (visible, visible_reoriented)
+    )
+    np.testing.assert_allclose(weights, weights_reoriented[..., [0, 2, 1]], atol=4e-7)
     np.testing.assert_allclose(weights.sum(-1), np.asarray(visible.triangle) >= 0, atol=4e-7)
 
 
@@ -149,7 +151,7 @@ def test_a_window_equals_the_oracle_and_that_part_of_the_canvas():
     soup = soup_of(3, texels=None)
     scene = scene_of(soup)
     plan_of_all = plan_of(scene, ON, PLAIN)
-    whole = sr.rasterize(scene, plan_of_all).triangle
+    canvas_triangle = sr.rasterize(scene, plan_of_all).triangle
     for x, y in ((9, 5), (-3, 12)):
         on = Canvas(12, 16, ON.rate, origin=(x, y), grid_bits=plan_of_all.grid.bits)
         plan = sr.plan(
@@ -163,8 +165,8 @@ def test_a_window_equals_the_oracle_and_that_part_of_the_canvas():
         visible = sr.rasterize(scene, plan)
         assert_shows(visible, show(soup, on, anywhere=True), atol=1e-4)
         columns = slice(max(x, 0), x + on.width)
-        part = visible.triangle[:, max(-x, 0) :]
-        np.testing.assert_array_equal(part, whole[y : y + on.height, columns])
+        window_triangle = visible.triangle[:, max(-x, 0) :]
+        np.testing.assert_array_equal(window_triangle, canvas_triangle[y : y + on.height, columns])
 
 
 def far_soup(seed: int, on: Canvas, canvases: float) -> Soup:

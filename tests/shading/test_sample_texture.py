@@ -123,11 +123,11 @@ def test_derivatives_equal_differences(sampler, float64):
         return sr.sample_texture(pyramid, uv, footprint, filter, texture_index=index)
 
     draw = jax.jit(texels_of)
-    push = jax.jit(lambda direction: jax.jvp(texels_of, (arguments,), (direction,))[1])
-    pull = jax.jit(lambda weight: jax.vjp(texels_of, arguments)[1](weight)[0])
+    jvp = jax.jit(lambda direction: jax.jvp(texels_of, (arguments,), (direction,))[1])
+    vjp = jax.jit(lambda weight: jax.vjp(texels_of, arguments)[1](weight)[0])
     rng = np.random.default_rng(2)
     weight = jnp.asarray(rng.normal(size=(POINTS, 3)))
-    gradient = pull(weight)
+    gradient = vjp(weight)
     step = 1e-7
     _, margin = expected_texels(sampler, 3, uv, footprint, index)
     for name, value in arguments.items():
@@ -136,7 +136,7 @@ def test_derivatives_equal_differences(sampler, float64):
         random = np.where(value == 0, 0, random) if name == "footprint" else random
         direction = {key: jnp.zeros(entry.shape) for key, entry in arguments.items()}
         direction[name] = jnp.asarray(random)
-        tangent = np.asarray(push(direction))
+        tangent = np.asarray(jvp(direction))
         ends = [draw({**arguments, name: value + sign * step * random}) for sign in (1, -1)]
         difference = np.asarray(ends[0] - ends[1]) / (2 * step)
         certain = margin > 1e-4

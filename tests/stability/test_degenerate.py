@@ -66,11 +66,11 @@ def test_a_segment_has_a_gradient_at_its_ends_alone():
     (corners,) = corners_of_kind("third between", random=1)[-1:]
     middle = corners.copy()
     middle[2] = 0.3 * corners[0] + 0.7 * corners[1]
-    found, other = (derive(scene, plan, triangle) for triangle in (corners, middle))
-    scale = np.abs(found.gradient).max()
+    derivatives, other = (derive(scene, plan, triangle) for triangle in (corners, middle))
+    scale = np.abs(derivatives.gradient).max()
     assert scale > 1e-2
-    assert np.abs(found.gradient[2]).max() < 0.1 * scale
-    np.testing.assert_allclose(found.gradient[:2], other.gradient[:2], atol=0.1 * scale)
+    assert np.abs(derivatives.gradient[2]).max() < 0.1 * scale
+    np.testing.assert_allclose(derivatives.gradient[:2], other.gradient[:2], atol=0.1 * scale)
 
 
 def test_three_equal_corners_share_the_gradient_equally():

@@ -30,9 +30,9 @@ def test_the_gradient_of_all_windows_is_that_of_the_canvas(name):
     coverage, effects = CASES[name]
     scene = scene_of(effects)
     target = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)
-    whole = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
+    canvas_plan = sr.plan(scene, height=HEIGHT, width=WIDTH, coverage=coverage)
     value, gradient = eqx.filter_jit(
-        eqx.filter_value_and_grad(lambda s: squared(sr.render(s, whole), target))
+        eqx.filter_value_and_grad(lambda s: squared(sr.render(s, canvas_plan), target))
     )(scene)
     plan = sr.plan_tiles(
         scene, height=HEIGHT, width=WIDTH, coverage=coverage, tile=96, gradients=True

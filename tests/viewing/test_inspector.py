@@ -43,15 +43,15 @@ def covering(canvas: Canvas, column: int, row: int) -> dict[int, set[int]]:
     """The samples of a pixel that each triangle covers, by the oracle; later triangles first."""
     scene = enlarge(small_scene(), 1.5, 1.5)
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
-    found = {}
+    samples = {}
     for triangle, footprint in enumerate(footprints(corners, canvas)):
         inside = np.zeros((canvas.height * canvas.rate, canvas.width * canvas.rate), bool)
         inside[footprint.rows, footprint.columns] = footprint.inside
         rate = canvas.rate
         of_pixel = inside[row * rate : (row + 1) * rate, column * rate : (column + 1) * rate]
         if of_pixel.any():
-            found[triangle] = set(np.flatnonzero(of_pixel).tolist())
-    return dict(sorted(found.items(), reverse=True))
+            samples[triangle] = set(np.flatnonzero(of_pixel).tolist())
+    return dict(sorted(samples.items(), reverse=True))
 
 
 def test_samples_are_those_of_the_oracle(session):
@@ -177,9 +177,9 @@ def test_edges_are_the_triangles_in_view(session):
     scene = enlarge(small_scene(), 1.5, 1.5)
     expected = np.asarray(scene.positions)[np.asarray(scene.triangles)] - [10, 5]
     high, low = expected.max(axis=1), expected.min(axis=1)
-    seen = ((high >= -1) & (low <= [97, 65])).all(axis=1)
-    assert seen.sum() > 10
-    np.testing.assert_allclose(corners, expected[seen], atol=1e-4)
+    in_view = ((high >= -1) & (low <= [97, 65])).all(axis=1)
+    assert in_view.sum() > 10
+    np.testing.assert_allclose(corners, expected[in_view], atol=1e-4)
 
 
 @pytest.mark.parametrize("coverage", ["sampled", "area"])
@@ -221,12 +221,12 @@ def test_gradients_are_those_of_the_difference(session):
         return (weight * (image - target[..., :3]) ** 2).sum() / (3 * weight.sum())
 
     gradient = np.asarray(jax.jit(jax.grad(loss))(scene.positions))
-    places = np.asarray(scene.positions) - [10, 5]
-    seen = ((places >= 0) & (places <= [96, 64])).all(axis=1)
-    assert seen.sum() == len(rows) > 20
-    order = np.argsort(-np.hypot(*gradient[seen].T), kind="stable")
-    np.testing.assert_allclose(rows[:, :2], places[seen][order], atol=1e-4)
-    np.testing.assert_allclose(rows[:, 2:], gradient[seen][order], atol=1e-7)
+    vertices = np.asarray(scene.positions) - [10, 5]
+    in_view = ((vertices >= 0) & (vertices <= [96, 64])).all(axis=1)
+    assert in_view.sum() == len(rows) > 20
+    order = np.argsort(-np.hypot(*gradient[in_view].T), kind="stable")
+    np.testing.assert_allclose(rows[:, :2], vertices[in_view][order], atol=1e-4)
+    np.testing.assert_allclose(rows[:, 2:], gradient[in_view][order], atol=1e-7)
 
 
 def pixels_of_image(session: Session) -> np.ndarray:

@@ -179,9 +179,9 @@ def test_the_page_loads_nothing_from_the_net():
         text = path.read_text(encoding="utf-8")
         assert "https:" not in text and "@import" not in text, path
         for word in ("http:", "//unpkg", "//cdn"):
-            found = [line for line in text.splitlines() if word in line]
+            matching_lines = [line for line in text.splitlines() if word in line]
             # This address names an XML vocabulary, and is never loaded.
-            assert all("http://www.w3.org/2000/svg" in line for line in found), path
+            assert all("http://www.w3.org/2000/svg" in line for line in matching_lines), path
 
 
 def test_a_port_in_use_is_an_error(server):

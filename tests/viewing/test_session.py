@@ -78,12 +78,12 @@ def test_memory_does_not_grow_with_the_views():
     tracemalloc.start()
     try:
         look(range(40))
-        held = [look(range(start, start + 40)) for start in range(40, 240, 40)]
+        memory = [look(range(start, start + 40)) for start in range(40, 240, 40)]
     finally:
         tracemalloc.stop()
     # If views were kept, memory would grow in every round, by 40 pictures. A program that another
     # thread compiles, for this session or an earlier one, adds its bytes in one round alone.
-    assert np.diff(held).min() < 2 * PICTURE_BYTES
+    assert np.diff(memory).min() < 2 * PICTURE_BYTES
 
 
 @pytest.mark.parametrize(

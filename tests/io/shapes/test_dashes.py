@@ -10,9 +10,9 @@ from softras2d.io.shapes.dashes import dashes
 def cut(points, pattern, offset=0.0, closed=False):
     points = np.array(points, float)
     smooth = np.zeros(len(points), bool)
-    parts = dashes(points, smooth, closed, [*map(float, pattern)], float(offset), Budget())
-    assert all(len(part) == len(flags) for part, flags in parts)
-    return [part.tolist() for part, _ in parts]
+    pieces = dashes(points, smooth, closed, [*map(float, pattern)], float(offset), Budget())
+    assert all(len(piece) == len(flags) for piece, flags in pieces)
+    return [piece.tolist() for piece, _ in pieces]
 
 
 LINE = [[0, 0], [10, 0]]

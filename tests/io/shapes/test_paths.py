@@ -84,9 +84,9 @@ def test_contours_of_closed_paths_do_not_repeat_their_first_point():
 
 def arc(start, end, radii, rotation, large, sweep):
     first, last, both = ((float(x), float(y)) for x, y in (start, end, radii))
-    found = arc_between(first, last, both, float(rotation), large, sweep)
-    assert found is not None
-    return found
+    result = arc_between(first, last, both, float(rotation), large, sweep)
+    assert result is not None
+    return result
 
 
 def is_line(start, end, radii):

@@ -182,8 +182,8 @@ def test_transform_origin():
     one = 'transform-origin="0" transform="scale(1 -1)"'
     result = body_colors(f'<rect width="10" height="10" {one}/>', [5, 75], [5, 5])
     assert result[:, 0].tolist() == [0, 1]
-    own = 'style="transform-box: fill-box; transform-origin: 100% 0; transform: scale(2)"'
-    result = body_colors(f'<rect x="40" y="10" width="10" height="10" {own}/>', [35, 25], [55, 15])
+    css = 'style="transform-box: fill-box; transform-origin: 100% 0; transform: scale(2)"'
+    result = body_colors(f'<rect x="40" y="10" width="10" height="10" {css}/>', [35, 25], [55, 15])
     assert result[:, 0].tolist() == [0, 1]
 
 
