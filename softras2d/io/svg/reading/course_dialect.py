@@ -90,11 +90,16 @@ class CourseReader:
     def close(self) -> None:
         """Leave a group or the root. At the end of the root, draw the frame if `context.frame`.
 
-        The frame is the black outline of the drawing.
+        The frame is the black outline of the drawing. Raises `ValueError` if a corner of it lies at
+        infinity, or behind it.
         """
         map3 = self._maps.pop()
-        if not self._maps and self._context.frame:
+        if self._maps or not self._context.frame:
+            return
+        try:
             self._frame(map3)
+        except ValueError as error:
+            raise ValueError(f"cannot be framed: {error}") from None
 
     def _root_map(self, tag: str, attributes: Attributes) -> np.ndarray:
         """The map `[3, 3]` from the root's user units to pixels.

@@ -214,8 +214,8 @@ def walk(
       `reader` must then be a `TextReader`.
 
     Raises `SvgError`, one line with name, line number and message, for errors in the XML, for
-    elements nested deeper than `MAX_DEPTH`, for a `ValueError` or library error of `reader.open` or
-    `reader.inside`, and for work beyond the budget.
+    elements nested deeper than `MAX_DEPTH`, for a `ValueError` or library error of `reader.open`,
+    `reader.inside` or `reader.close`, and for work beyond the budget.
     """
     budget = budget or Budget()
     parser = expat.ParserCreate()
@@ -228,30 +228,31 @@ def walk(
     def start(tag: str, attributes: Attributes) -> None:
         nonlocal depth, skipped_depth, names_children
         depth += 1
-        line = parser.CurrentLineNumber
         try:
             budget.charge("attributes", len(attributes))
             if depth > MAX_DEPTH:
                 raise ValueError(f"is nested deeper than {MAX_DEPTH}.")
             if skipped_depth:
                 if skipped_depth == 1 and names_children:
-                    reader.inside(tag, attributes, line)
+                    reader.inside(tag, attributes, parser.CurrentLineNumber)
                 skipped_depth += 1
                 return
-            children = reader.open(tag, attributes, line)
+            children = reader.open(tag, attributes, parser.CurrentLineNumber)
         except (ValueError, *LIBRARY_ERRORS) as error:
-            message = f"{document.name}:{line}: <{tag[:60]}> {reason(error)}"
-            raise SvgError(message) from None
+            _refuse_element(document, parser, tag, error)
         if children is not Children.READ:
             skipped_depth, names_children = 1, children is Children.NAMED
 
-    def end(_: str) -> None:
+    def end(tag: str) -> None:
         nonlocal depth, skipped_depth
         depth -= 1
         if skipped_depth:
             skipped_depth -= 1
-        else:
+            return
+        try:
             reader.close()
+        except (ValueError, *LIBRARY_ERRORS) as error:
+            _refuse_element(document, parser, tag, error)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
@@ -260,6 +261,14 @@ def walk(
         parser.buffer_text = True
         parser.CharacterDataHandler = reader.text
     _parse(document, parser, with_entities=with_text)
+
+
+def _refuse_element(
+    document: Document, parser: expat.XMLParserType, tag: str, error: Exception
+) -> NoReturn:
+    """Raise `SvgError` for an error in an element, with the line that the parser has reached."""
+    message = f"{document.name}:{parser.CurrentLineNumber}: <{tag[:60]}> {reason(error)}"
+    raise SvgError(message) from None
 
 
 class _RootRead(Exception):

@@ -251,6 +251,19 @@ def test_the_frame_is_black_and_last():
     assert hex_colors(last)[:2] == ["ff0000"] * 2 and hex_colors(last)[-1] == "000000"
 
 
+def test_a_frame_with_a_corner_at_infinity_is_refused():
+    # The right side of the drawing, x = 100, is where w is 0.
+    perspective = [[1, 0, 0], [0, 1, 0], [-0.01, 0, 1]]
+    body = '\n<polygon points="0,0 5,5 0,5"/>\n'
+    with pytest.raises(ValueError, match="infinity") as caught:
+        read(body, transform=perspective, frame=True, height=80, width=100)
+    assert str(caught.value) == (
+        "<svg>:3: <svg> cannot be framed: `transform` sends a point to infinity or behind it "
+        "(w <= 0)."
+    )
+    assert len(read(body, transform=perspective, height=80, width=100).triangles) == 1
+
+
 def test_order_of_kinds_is_that_of_the_file():
     body = (
         '<line x2="3.5" stroke="#000001"/><rect width="5" height="5" fill="#000002"/>'
