@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from .. import names
 from ..names import check_name
+from ..numerics.integer_arguments import checked_integer
 from . import steering
 from .traits import TRAITS
 
@@ -22,6 +23,9 @@ FROM_OBJECT = "given"
 
 To resume such a fit, its start is not needed. A loss function must be given again."""
 
+_MOST = 2**31 - 1
+"""Largest integer that an argument may be."""
+
 
 def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     """Complete the arguments of `fit`, and convert them to plain Python types where possible.
@@ -29,11 +33,16 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     `settings`: arguments of `fit`, by name, of which `size`, `background` and `palette` may be
     absent. It is not changed. In the returned dictionary, `shading` and `size` have the defaults of
     the family in place of None, `softness` is a pair of floats (the same twice for a single
-    number), NumPy scalars are Python numbers, and the colours of `palette` and `background` are
-    lists of floats, of which `uint8` values have been divided by 255. Invalid values are not
-    changed, so that `check` can refuse them; an unknown family gets the defaults of layers.
+    number), scalars of NumPy and JAX are Python numbers, and the colours of `palette` and
+    `background` are lists of floats, of which `uint8` values have been divided by 255. Invalid
+    values are not changed, so that `check` can refuse them; an unknown family gets the defaults of
+    layers.
     """
-    normalized = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    normalized = {
+        # An array without axes is a scalar of NumPy or JAX.
+        k: v.item() if getattr(v, "ndim", None) == 0 else v
+        for k, v in settings.items()
+    }
     name = normalized["family"]
     # An unknown family is refused later, by `check`.
     family = TRAITS.get(name, TRAITS["layers"]) if isinstance(name, str) else TRAITS["layers"]
@@ -69,14 +78,14 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     if not callable(settings["loss"]):
         check_name("loss", settings["loss"], names.Loss)
     check_name("light", settings["light"], names.LossSpace)
-    _check_integer("triangles", settings["triangles"], family.min_triangles)
-    _check_integer("seed", settings["seed"], 0)
+    checked_integer("triangles", settings["triangles"], family.min_triangles, _MOST)
+    checked_integer("seed", settings["seed"], 0, _MOST)
     if settings["size"] is not None:
-        _check_integer("size", settings["size"], 1)
+        checked_integer("size", settings["size"], 1, _MOST)
     if steps is not None and seconds is not None:
         raise ValueError("give one of `steps` and `seconds`.")
     if steps is not None:
-        _check_integer("steps", steps, 0)
+        checked_integer("steps", steps, 0, _MOST)
     if seconds is not None and not (_is_number(seconds) and seconds > 0):
         raise ValueError(f"`seconds` must be a number above 0; got {seconds!r}.")
     softness = settings["softness"]
@@ -126,16 +135,6 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
     if value not in choices:
         allowed = ", ".join(map(repr, choices))
         raise ValueError(f"`{name}`{of} must be one of {allowed}; got {value!r:.60}.")
-
-
-def _check_integer(name: str, value: Any, minimum: int) -> None:
-    """Raise `ValueError` unless `value` is an integer from `minimum` to 2^31 - 1, not a boolean.
-
-    `name`: the argument's name, for the message.
-    """
-    is_integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not is_integer or not minimum <= value < 2**31:
-        raise ValueError(f"`{name}` must be a whole number from {minimum} on; got {value!r:.60}.")
 
 
 def _is_number(value: Any) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import to_device
+from ..numerics.integer_arguments import checked_integer
 from . import choices, steering
 from .budget import Budget, Limits
 from .chunk import advance_fits
@@ -104,9 +105,7 @@ def _check(frame_steps: Any, temporal: Any) -> None:
 
     `frame_steps` must be an integer from 1 on, and `temporal` a finite number from 0 on.
     """
-    is_integer = isinstance(frame_steps, int) and not isinstance(frame_steps, bool)
-    if not is_integer or frame_steps < 1:
-        raise ValueError(f"`frame_steps` must be a whole number from 1 on; got {frame_steps!r}.")
+    checked_integer("frame_steps", frame_steps, 1)
     is_number = isinstance(temporal, int | float) and not isinstance(temporal, bool)
     if not is_number or not 0 <= temporal < float("inf"):
         raise ValueError(f"`temporal` must be a number from 0 on; got {temporal!r}.")

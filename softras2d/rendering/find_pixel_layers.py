@@ -5,12 +5,13 @@ from typing import SupportsIndex
 import equinox as eqx
 import jax.numpy as jnp
 
+from ..numerics.integer_arguments import checked_integer
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..scene import Scene
 from .modes import pixel_layers_mode_of
 from .overflow import compare, nan_on_overflow, raise_on_overflow
-from .pixel_layers import PixelLayers, checked_layers
+from .pixel_layers import PixelLayers
 
 
 def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLayers:
@@ -26,7 +27,8 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
     `layers` is less than 1.
     """
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
-    layers = checked_layers(layers)
+    # The number of layers decides the shape of the buffers, so it is known while tracing.
+    layers = checked_integer("layers", layers, 1)
     if scene.positions.ndim != 2:
         raise ValueError("`pixel_layers` takes one scene: use jax.vmap for a batched one.")
     if scene.triangles.shape[0] == 0:

@@ -1,6 +1,5 @@
 """`PixelLayers`: the topmost triangles of each pixel under analytic coverage."""
 
-import operator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -38,22 +37,6 @@ class PixelLayers(eqx.Module):
 
     def __repr__(self) -> str:
         return buffers_text(self)
-
-
-def checked_layers(layers: Any) -> int:
-    """Return the argument `layers` of `rasterize` and `pixel_layers` as a Python integer.
-
-    NumPy and JAX integers are accepted too, such as the largest value of `overdraw`. Raises
-    `ValueError` for anything but an integer of 1 or more, and for a traced one, since the number of
-    layers decides the shape of the buffers.
-    """
-    try:
-        count = operator.index(layers)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise ValueError(f"`layers` must be an integer of 1 or more; got {layers!r}.")
-    return count
 
 
 class Slots(NamedTuple):

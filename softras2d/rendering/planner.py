@@ -2,7 +2,6 @@
 
 import functools
 import math
-import operator
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from ..geometry.canvas_grid import Grid
 from ..names import OnOverflow, PlanCapacity, check_name
 from ..numerics.device import is_traced, to_device
+from ..numerics.integer_arguments import checked_integer
 from ..options import Coverage, Filter, Hard
 from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
 from ..planning.plan import Plan
@@ -118,12 +118,7 @@ def plan_for(
     `triangles` only. The other arguments are as in `plan`. Raises `ValueError` for invalid
     arguments, and if the worst case is too large to be drawn.
     """
-    try:
-        count = operator.index(triangles)
-    except TypeError:
-        count = 0
-    if count < 1:
-        raise ValueError(f"`triangles` must be an integer of 1 or more; got {triangles!r}.")
+    count = checked_integer("triangles", triangles, 1)
     return plan(
         jax.eval_shape(lambda: _blank(count)),
         height=height,

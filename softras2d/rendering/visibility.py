@@ -12,6 +12,7 @@ from ..display.notebook import buffers_html
 from ..display.scene_text import buffers_text
 from ..gradients.crossings import Sample
 from ..gradients.visible_front import triangle_at
+from ..numerics.integer_arguments import checked_integer
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
@@ -19,7 +20,7 @@ from ..scene import Scene, check_types
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
 from .listed_samples import ListedSamples, count_covering, nearest_layers
 from .overflow import Outcome, compare, nan_on_overflow, raise_on_overflow
-from .pixel_layers import PixelLayers, checked_layers
+from .pixel_layers import PixelLayers
 from .projected_scene import project_scene
 from .sample_grid import map_over_rows, samples_of_rows
 from .visible_samples import bin_scene, find_visible, listed_words
@@ -143,7 +144,8 @@ def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibil
     Raises `ValueError` for a plan with `Soft` or `Area` coverage, and for indices of more than 2
     GiB: then draw the canvas in windows (`plan(origin=...)`).
     """
-    layers = checked_layers(layers)
+    # The number of layers decides the shape of the buffers, so it is known while tracing.
+    layers = checked_integer("layers", layers, 1)
     _check(plan, layers)
     triangle, outcome = _find_triangles(pad_concrete(scene, plan), plan, layers)
     return Visibility(triangle, scene, plan, raise_on_overflow(outcome, plan))

@@ -12,6 +12,7 @@ from jaxtyping import Int
 
 from ..geometry.canvas_grid import Grid
 from ..numerics.device import is_traced, to_device
+from ..numerics.integer_arguments import checked_integer
 from ..options import Coverage, Filter, Hard
 from ..planning.capacities import choose_slots_per_chunk
 from ..planning.effects import Drawing
@@ -209,8 +210,7 @@ def _checked_cut(height: int, width: int, tile: int | None, coverage: Coverage) 
     multiple = 80 if coverage.rate == 3 else 32
     tile = 1024 // multiple * multiple if tile is None else tile
     for name, value in (("height", height), ("width", width)):
-        if not isinstance(value, int | np.integer) or not 1 <= value <= _MOST_PIXELS:
-            raise ValueError(f"`{name}` must be an integer in 1..{_MOST_PIXELS}; got {value!r}.")
+        checked_integer(name, value, 1, _MOST_PIXELS)
     if not isinstance(tile, int | np.integer) or tile < multiple or tile % multiple or tile > 8192:
         raise ValueError(f"`tile` must be a multiple of {multiple} up to 8192; got {tile!r}.")
     return Cut(int(height), int(width), int(tile))

@@ -45,8 +45,8 @@ def photo(tmp_path, monkeypatch):
             "--softness must be a width in pixels, or FIRST:LAST; got 'wide'",
         ),
         (["PHOTO", "-o", "a.svg", "-o", "a.svg"], "given twice"),
-        (["PHOTO", "-n", "0"], "-n must be a whole number from 1 on; got 0"),
-        (["PHOTO", "--size", "0"], "--size must be a whole number from 1 on; got 0"),
+        (["PHOTO", "-n", "0"], "-n must be an integer in 1..2147483647; got 0"),
+        (["PHOTO", "--size", "0"], "--size must be an integer in 1..2147483647; got 0"),
         (["PHOTO", "--family", "mesh", "--translucent"], "--translucent is for layers"),
         (
             ["PHOTO", "--colors", "solve", "--loss", "l1"],

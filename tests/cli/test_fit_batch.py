@@ -39,7 +39,7 @@ def cluster(monkeypatch) -> list[Any]:
     [
         (["--steps", "5", "--seconds", "1"], "give one of --steps and --seconds"),
         (["--seconds", "0"], "--seconds must be a number above 0; got 0.0"),
-        (["--steps", "-1"], "--steps must be a whole number from 0 on; got -1"),
+        (["--steps", "-1"], "--steps must be an integer in 0..2147483647; got -1"),
         (["--processes", "2"], "--processes and --process need --coordinator"),
         (["--coordinator", "host0:80"], "--coordinator needs --processes and --process"),
         (

@@ -58,10 +58,10 @@ def test_flicker_is_the_change_where_the_target_stands_still():
     ("change", "message"),
     [
         ({"images": [blobs(), blobs(8, 8)]}, "`images` must be frames of one shape"),
-        ({"frame_steps": 0}, "`frame_steps` must be a whole number from 1 on; got 0"),
+        ({"frame_steps": 0}, "`frame_steps` must be an integer of 1 or more; got 0"),
         ({"temporal": -1.0}, "`temporal` must be a number from 0 on; got -1.0"),
         ({"temporal": float("nan")}, "`temporal` must be a number from 0 on; got nan"),
-        ({"triangles": 0}, "`triangles` must be a whole number from 1 on"),
+        ({"triangles": 0}, "`triangles` must be an integer in 1..2147483647; got 0"),
         ({"shading": "linear"}, "`shading` of a layers fit"),
     ],
 )

@@ -1,0 +1,26 @@
+"""Checks arguments that must be integers.
+
+This module does not load JAX, so that the command line can check its arguments first.
+"""
+
+import operator
+from typing import Any
+
+
+def checked_integer(name: str, value: Any, minimum: int, maximum: int | None = None) -> int:
+    """Return an argument as a Python integer; raise `ValueError` unless it is in its range.
+
+    Integers of NumPy and JAX are accepted too. Booleans are not, and neither are floats, not even
+    whole ones, nor traced integers, whose values are unknown.
+
+    - `name`: the argument's name, for the message.
+    - `minimum`, `maximum`: the range, both included; no upper end if `maximum` is None.
+    """
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or number < minimum or (maximum is not None and number > maximum):
+        accepted = f"of {minimum} or more" if maximum is None else f"in {minimum}..{maximum}"
+        raise ValueError(f"`{name}` must be an integer {accepted}; got {value!r:.60}.")
+    return number
