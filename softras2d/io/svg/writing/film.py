@@ -10,7 +10,8 @@ from jaxtyping import Int
 from ....scene import Scene
 from ...drafts import atomic_file
 from ...outputs import check_writable_path
-from .short_numbers import MAX_DIGITS, join_numbers, short_color, to_units, unit_text
+from .arguments import check_canvas, check_digits, check_scene
+from .short_numbers import join_numbers, short_color, to_units, unit_text
 
 
 def write_svg_film(
@@ -30,7 +31,7 @@ def write_svg_film(
 
     - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
       same triangle at different times. Colours are flat: a triangle with corner colours is written
-      in their mean. Textures, depth and `inverse_w` have no effect.
+      in their mean.
     - `height`, `width`: size of the canvas, in pixels.
     - `seconds_per_frame`: how long each frame is shown, above 0.
     - `digits`: decimals to which coordinates are rounded, 0 to 6. Colours are clipped to 0..1 and
@@ -38,7 +39,8 @@ def write_svg_film(
     - `smooth`: whether corners and colours change evenly from frame to frame, instead of jumping.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
-    scenes of unequal shapes, and values that cannot be written.
+    scenes of unequal shapes, scenes with textures, `depth` or `inverse_w`, and values that cannot
+    be written.
     """
     path = Path(path)
     check_writable_path(path)
@@ -46,8 +48,13 @@ def write_svg_film(
         raise ValueError(f"{path}: there are no frames; a film needs at least one.")
     if not 0 < seconds_per_frame < float("inf"):
         raise ValueError(f"`seconds_per_frame` must be above 0; got {seconds_per_frame}.")
-    if not 0 <= digits <= MAX_DIGITS:
-        raise ValueError(f"`digits` must be 0 to {MAX_DIGITS}; got {digits}.")
+    check_digits(digits)
+    check_canvas(height, width)
+    for number, scene in enumerate(scenes):
+        try:
+            check_scene(scene, absent=("textures", "depth", "inverse_w"))
+        except ValueError as error:
+            raise ValueError(f"{path}: frame {number}: {error}") from None
     shapes = {(scene.triangles.shape, scene.colors.shape) for scene in scenes}
     if len(shapes) != 1:
         raise ValueError(
@@ -56,8 +63,6 @@ def write_svg_film(
     corners = np.stack([np.asarray(s.positions)[np.asarray(s.triangles)] for s in scenes])
     colors = np.stack([np.asarray(s.colors).mean(1) for s in scenes])
     backgrounds = np.stack([np.asarray(s.background) for s in scenes])
-    if not all(np.isfinite(values).all() for values in (corners, colors, backgrounds)):
-        raise ValueError(f"{path}: positions and colours must be finite.")
     timing = _timing(len(scenes) * seconds_per_frame, smooth)
     units = to_units(corners, digits)
     lines = [

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float32
 
 from ....color import unpremultiply
-from ....scene import Scene, check
+from ....scene import Scene
 from ....texture.pyramid import TexturePyramid
 from ...drafts import atomic_file
 from ..reading.control_points import SvgControls
+from .arguments import check_canvas, check_digits, check_scene
 from .browsers import elements_for_browsers
 from .compact import compact_elements, short_elements
-from .short_numbers import MAX_DIGITS
 
 _POLYGON = '<polygon points="{},{} {},{} {},{}" {}/>'
 _COLORTRI = '<colortri points="{} {} {} {} {} {}" colors="{}"/>'
@@ -86,8 +86,8 @@ def write_svg(
         with atomic_file(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
         return
-    if digits is not None and not 0 <= digits <= MAX_DIGITS:
-        raise ValueError(f"`digits` must be 0 to {MAX_DIGITS}, or None; got {digits}.")
+    if digits is not None:
+        check_digits(digits)
     if height is None or width is None:
         raise ValueError(f"`height` and `width` must be given; got {height} and {width}.")
     _check(path, scene, height, width)
@@ -112,20 +112,10 @@ def write_svg(
 
 def _check(path: Path, scene: Scene, height: int, width: int) -> None:
     """Raise `ValueError` for arguments of `write_svg` that cannot be written."""
-    if min(height, width) < 1:
-        raise ValueError(f"`height` and `width` must be positive; got {height} and {width}.")
-    if scene.positions.ndim != 2:
-        raise ValueError(f"`write_svg` takes one scene, not a batch; got {scene.positions.shape}.")
+    check_canvas(height, width)
     if not path.parent.is_dir():
         raise ValueError(f"{path}: the folder to write to does not exist.")
-    for name in ("depth", "inverse_w"):
-        if getattr(scene, name) is not None:
-            raise ValueError(f"SVG cannot represent `{name}`: it must be None.")
-    check(scene)
-    for name in ("positions", "colors", "background", "uv"):
-        value = getattr(scene, name)
-        if value is not None and not np.isfinite(_float32(value)).all():
-            raise ValueError(f"`{name}` must be finite in float32 to be written as SVG.")
+    check_scene(scene, absent=("depth", "inverse_w"))
     if scene.textures is not None:
         _check_textures(scene, scene.textures)
 
@@ -258,7 +248,7 @@ def _paint_attributes(colors: Float32[np.ndarray, "colors channels"]) -> list[st
 
 def _float32(value: object) -> np.ndarray:
     """Convert an array to float32 on the host; numbers beyond float32 become infinite."""
-    # Numbers beyond float32 become infinite, which `_check` reports.
+    # Numbers beyond float32 become infinite, which `check_scene` refuses.
     with np.errstate(over="ignore"):
         return np.asarray(value).astype(np.float32)
 

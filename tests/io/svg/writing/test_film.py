@@ -1,7 +1,11 @@
 """Films are written as animated SVG files."""
 
+import math
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -43,11 +47,32 @@ def test_a_reader_of_still_images_sees_the_first_frame(tmp_path):
     np.testing.assert_allclose(corners[-2], [[0, 0], [5, 0], [0, 5.2]], atol=1e-6)
 
 
+FIRST, SECOND = film(2)
+DEEP = [FIRST, replace(SECOND, depth=SECOND.positions[:, 0])]
+PERSPECTIVE = [replace(scene, inverse_w=1 + scene.positions[:, 0]) for scene in film(2)]
+TEXTURED = [
+    sr.Scene.from_soup(
+        [[[0, 0], [5, 0], [0, 5]]],
+        [[1, 1, 1]],
+        uv=[[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]],
+        texture_index=[0],
+        textures=sr.TexturePyramid.build([np.ones((2, 2, 3), np.float32)]),
+    )
+]
+BATCH = [jax.tree.map(lambda *arrays: jnp.stack(arrays), FIRST, SECOND)]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"scenes": []}, "there are no frames"),
-        ({"digits": 9}, "`digits` must be 0 to 6; got 9"),
+        ({"digits": 9}, "`digits` must be an integer in 0..6; got 9"),
+        ({"height": 0}, "`height` and `width` must be numbers of pixels, 1 or more; got 0 and 9"),
+        ({"width": math.inf}, "`height` and `width` must be numbers of pixels, 1 or more; got 9"),
+        ({"scenes": DEEP}, "a.svg: frame 1: SVG cannot represent `depth`: it must be None"),
+        ({"scenes": PERSPECTIVE}, "frame 0: SVG cannot represent `inverse_w`"),
+        ({"scenes": TEXTURED}, "frame 0: SVG cannot represent `textures`"),
+        ({"scenes": BATCH}, "frame 0: an SVG shows one scene, not a batch"),
         ({"seconds_per_frame": 0.0}, "`seconds_per_frame` must be above 0"),
         ({"scenes": [*film(2), sr.Scene.from_soup([], [])]}, "equal shapes"),
     ],

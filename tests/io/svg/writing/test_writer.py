@@ -253,6 +253,6 @@ def test_unwritable_paths_are_refused_in_one_line(tmp_path):
     (tmp_path / "folder.svg").mkdir()
     with pytest.raises(ValueError, match="cannot be written"):
         sr.write_svg(tmp_path / "folder.svg", ONE, height=3, width=4)
-    with pytest.raises(ValueError, match="must be positive; got 0 and 4"):
+    with pytest.raises(ValueError, match="must be numbers of pixels, 1 or more; got 0 and 4"):
         sr.write_svg(tmp_path / "scene.svg", ONE, height=0, width=4)
     assert [file.name for file in tmp_path.iterdir()] == ["folder.svg"]
