@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from ..numerics.device import to_device
+from ..numerics.integer_arguments import checked_integer
 from ..scene import Scene, check
 from .drafts import atomic_file
 from .outputs import check_writable_path
@@ -45,6 +46,9 @@ _MAX_COUNT = 2**24
 
 _MAX_STEPS = 1024
 """Maximum number of steps per pixel in which positions are counted."""
+
+_MAX_SIDE = 2**32 - 1
+"""Maximum height and width of a canvas, in pixels: the header has 32 bits for each."""
 
 
 class CompactScene(NamedTuple):
@@ -65,13 +69,14 @@ def write_compact(
 ) -> int:
     """Write a scene as a compact binary file; return the size of the file in bytes.
 
-    - `height`, `width`: size of the canvas, in pixels, which is stored too.
+    - `height`, `width`: size of the canvas, in pixels, 1 to 2^32 - 1, which is stored too.
     - `steps_per_pixel`: 1 to 1024. Positions are rounded to multiples of 1 / `steps_per_pixel`
       pixels.
 
     Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
     Raises `ValueError`, one line, for a scene with textures, depth or perspective, for a batch of
-    scenes, for values that cannot be stored, and for a folder that does not exist.
+    scenes, for values that cannot be stored, for other arguments out of range, and for a folder
+    that does not exist.
     """
     path = Path(path)
     check_writable_path(path)
@@ -83,8 +88,9 @@ def write_compact(
     for name in ("textures", "depth", "inverse_w"):
         if getattr(scene, name) is not None:
             raise ValueError(f"a compact file has no `{name}`, which the scene has.")
-    if not 1 <= steps_per_pixel <= _MAX_STEPS:
-        raise ValueError(f"`steps_per_pixel` must be 1 to {_MAX_STEPS}; got {steps_per_pixel}.")
+    height = checked_integer("height", height, 1, _MAX_SIDE)
+    width = checked_integer("width", width, 1, _MAX_SIDE)
+    steps_per_pixel = checked_integer("steps_per_pixel", steps_per_pixel, 1, _MAX_STEPS)
     data = _encode(scene, height, width, steps_per_pixel)
     with atomic_file(path) as draft:
         draft.write_bytes(data)

@@ -79,12 +79,17 @@ def test_hostile_files_are_refused(tmp_path):
 def test_what_cannot_be_stored_is_refused(tmp_path):
     path, scene = tmp_path / "a.s2d", soup()
     deep = replace(scene, depth=scene.positions[:, 0])
-    for wrong, message in (
-        (deep, "has no `depth`"),
-        (scene, "`steps_per_pixel` must be 1 to 1024"),
+    with pytest.raises(ValueError, match="has no `depth`"):
+        sr.write_compact(path, deep, height=30, width=40)
+    for change, message in (
+        ({"height": 0}, "`height` must be an integer in 1..4294967295; got 0"),
+        ({"width": -4}, "`width` must be an integer in 1..4294967295; got -4"),
+        ({"width": 2**32}, "`width` must be an integer in 1..4294967295; got 4294967296"),
+        ({"steps_per_pixel": 0}, "`steps_per_pixel` must be an integer in 1..1024; got 0"),
+        ({"steps_per_pixel": 1025}, "`steps_per_pixel` must be an integer in 1..1024; got 1025"),
     ):
         with pytest.raises(ValueError, match=message):
-            sr.write_compact(path, wrong, height=30, width=40, steps_per_pixel=0)
+            sr.write_compact(path, scene, **{"height": 30, "width": 40, **change})
     far = sr.Scene.from_soup([[[0, 0], [1e9, 0], [0, 1]]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="within 2\\^30 steps"):
         sr.write_compact(path, far, height=30, width=40)
