@@ -18,5 +18,6 @@ def test_pictures_are_what_the_script_makes(name):
 
 
 def test_an_unknown_picture_is_named():
-    with pytest.raises(ValueError, match="no bundled picture 'sea'"):
-        pictures.path("sea")
+    for function in (pictures.path, pictures.size):
+        with pytest.raises(ValueError, match="no bundled picture 'sea'; there are valley, fruit"):
+            function("sea")

@@ -14,12 +14,21 @@ def names() -> tuple[str, ...]:
 
 
 def size(name: str) -> tuple[int, int]:
-    """Height and width of a bundled picture, in pixels; `KeyError` for an unknown name."""
+    """Height and width of a bundled picture, in pixels.
+
+    Raises `ValueError` for a name that is not in `names()`.
+    """
+    _check(name)
     return _SIZES[name]
 
 
 def path(name: str) -> Path:
     """The PNG file of a bundled picture; `ValueError` for a name that is not in `names()`."""
+    _check(name)
+    return Path(__file__).parent / f"{name}.png"
+
+
+def _check(name: str) -> None:
+    """Raise `ValueError` for a name that is not in `names()`."""
     if name not in _SIZES:
         raise ValueError(f"no bundled picture {name!r}; there are {', '.join(_SIZES)}.")
-    return Path(__file__).parent / f"{name}.png"
