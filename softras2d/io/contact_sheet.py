@@ -62,6 +62,8 @@ def contact_sheet(
     images = [image for strip in strips for image in strip.images]
     if not images:
         raise ValueError("a contact sheet needs at least one picture.")
+    for strip in strips:
+        assert len(strip.captions) == len(strip.images), f"{strip.title}: one caption per image"
     cell_height = max(image.shape[0] for image in images)
     cell_width = max(image.shape[1] for image in images)
     max_images = max(len(strip.images) for strip in strips)

@@ -349,6 +349,11 @@ class TestContactSheet:
         with pytest.raises(ValueError, match="at least one"):
             contact_sheet([])
 
+    def test_every_image_needs_a_caption(self):
+        strip = Strip("joints", "", ["a"], [np.zeros((2, 2, 3), np.float32)] * 2)
+        with pytest.raises(AssertionError, match="joints: one caption per image"):
+            contact_sheet([strip])
+
 
 def cache_dir():
     return jax.config.values["jax_compilation_cache_dir"]
