@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..color import premultiply
+from ..comparison.pixels import on_white
 from ..fitting.loop import ProgressReport
 from ..fitting.result import FitResult
 from ..fitting.score import Scorer
@@ -149,14 +151,14 @@ def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
 
     They are the frames of an animation. The scenes have arrays of equal shapes, and positions in
     pixels of a canvas of `height` x `width` pixels. A canvas that is smaller is not enlarged. Each
-    pixel has 4 samples. Alpha is dropped, without compositing over a colour.
+    pixel has 4 samples. A transparent background is composited over white.
     """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))
     scaled = [_scaled(scene, scale) for scene in scenes]
     # One plan for all compiles one program.
     shared = plan(scaled, height=rows, width=columns, coverage=Hard(4, edge_gradients=False))
-    return [np.asarray(render(scene, shared))[..., :3] for scene in scaled]
+    return [on_white(premultiply(np.asarray(render(scene, shared)))) for scene in scaled]
 
 
 def _scaled(scene: Scene, scale: float) -> Scene:
