@@ -227,9 +227,10 @@ Start = Annotated[
     str,
     typer.Option(
         metavar="|".join([*get_args(names.FitStart), "FILE"]),
-        help="Initial triangles. error: none; triangles are added during the fit, where the error "
-        "is largest. uniform, delaunay (random, denser where the image changes), or an SVG or NPZ "
-        "file: all triangles are there from the start, and none are added.",
+        help="Initial triangles. error: layers begin with none, and triangles are added during the "
+        "fit, where the error is largest; a mesh gets its vertices there before the first step. "
+        "uniform, delaunay (random, denser where the image changes), or an SVG or NPZ file: all "
+        "triangles are there from the start, and none are added.",
         rich_help_panel=SEARCH,
     ),
 ]
