@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console
 
 from . import fit_options, fit_steering
@@ -27,6 +28,7 @@ from .stopping import announce_signals
 
 
 def fit_picture(
+    context: typer.Context,
     targets: fit_options.Targets = None,
     triangles: fit_options.Triangles = 500,
     family: fit_options.Family = "layers",
@@ -75,10 +77,10 @@ def fit_picture(
     file of `-o FIT.npz`.
     """
     # The values of all options, by the names of the parameters of this function.
-    options: dict[str, Any] = dict(locals())
+    options: dict[str, Any] = {name: value for name, value in locals().items() if name != "context"}
     # The user's time limit includes the start of Python and the import of this package, so it is
     # counted from the start of the process.
-    _fit(options, start_seconds=time.perf_counter() - time.process_time())
+    _fit(options, _given(context), start_seconds=time.perf_counter() - time.process_time())
 
 
 _SETTINGS = (
@@ -94,10 +96,19 @@ _PICTURE_ONLY = ("output", "compare_in", "seconds", "resume", "watch")
 """Other parameters of `fit_picture` that films do not have."""
 
 
-def _fit(options: dict[str, Any], *, start_seconds: float) -> None:
+def _given(context: typer.Context) -> set[str]:
+    """Names of the parameters of `fit_picture` that the user gave, even if with the default."""
+    sources = {name: context.get_parameter_source(name) for name in context.params}
+    return {
+        name for name, source in sources.items() if source is not None and source.name != "DEFAULT"
+    }
+
+
+def _fit(options: dict[str, Any], given: set[str], *, start_seconds: float) -> None:
     """Check the options of `softras2d fit`, and fit a picture or, with `--animation`, a film.
 
     - `options`: the values of all parameters of `fit_picture`, by name.
+    - `given`: the names of the parameters that the user gave.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
     """
     pictures: list[Path] = options["targets"] or []
@@ -118,7 +129,7 @@ def _fit(options: dict[str, Any], *, start_seconds: float) -> None:
             return
         _check_picture(pictures, picture_options)
         if options["resume"] is not None:
-            _warn_of_ignored(options, console)
+            _warn_of_ignored(given, console)
         bar.show("loading JAX")
         from .fit_single_picture import fit_single_picture
 
@@ -213,30 +224,21 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
     choices.check(choices.normalize(fit_arguments), steps, seconds)
 
 
-def _warn_of_ignored(options: dict[str, Any], console: Console) -> None:
+def _warn_of_ignored(given: set[str], console: Console) -> None:
     """Warn of options that the user gave, although they have no effect on a resumed fit.
 
-    An option counts as given if its value differs from its default. `options`: the values of all
-    parameters of `fit_picture`, by name.
+    `given`: the names of the parameters of `fit_picture` that the user gave.
     """
-    ignored = _list_changed_options(options, (*_SETTINGS, *_FILES_OF_SETTINGS))
+    ignored = _options_text(name for name in (*_SETTINGS, *_FILES_OF_SETTINGS) if name in given)
     if ignored:
         message = f"{ignored}: ignored, because --resume takes the settings from the file"
         print_message("warning", message, console)
 
 
-def _list_changed_options(options: dict[str, Any], names: Iterable[str]) -> str:
-    """List, as text for a message, the options whose values differ from their defaults.
-
-    - `options`: the values of all parameters of `fit_picture`, by name.
-    - `names`: the parameters to look at.
-
-    The text is empty if no value differs. In it, an option is written as on the command line.
-    """
-    defaults = inspect.signature(fit_picture).parameters
-    changed = [name for name in names if options[name] != defaults[name].default]
+def _options_text(names: Iterable[str]) -> str:
+    """List parameters of `fit_picture` for a message, as options of the command line."""
     return ", ".join(
-        "-n" if name == "triangles" else f"--{name.replace('_', '-')}" for name in changed
+        "-n" if name == "triangles" else f"--{name.replace('_', '-')}" for name in names
     )
 
 
@@ -257,8 +259,11 @@ def _check_film(frames: list[Path], film_options: FilmOptions, options: dict[str
     if not frames:
         raise ValueError(f"{film_options.animation}: --animation needs the frames of a film.")
     picture_only = (*_SETTINGS, *_FILES_OF_SETTINGS, *_PICTURE_ONLY)
-    unsupported = _list_changed_options(
-        options, [name for name in picture_only if name not in _FILM_SETTINGS]
+    defaults = inspect.signature(fit_picture).parameters
+    unsupported = _options_text(
+        name
+        for name in picture_only
+        if name not in _FILM_SETTINGS and options[name] != defaults[name].default
     )
     if unsupported:
         raise ValueError(f"{unsupported}: not available for films (--animation).")

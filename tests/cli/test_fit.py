@@ -144,13 +144,14 @@ def test_errors_name_the_options():
 def test_options_that_do_not_apply_to_a_resumed_fit_are_named(photo, tmp_path):
     result = sr.fit(read_image(photo), triangles=2, steps=2)
     result.save(tmp_path / "a.npz")
-    command = [str(photo), "--resume", str(tmp_path / "a.npz"), "-n", "9", "--seed", "3"]
+    # A value that is the default is ignored as well, so the warning names its option, too.
+    settings = ["-n", "9", "--seed", "3", "--solver", "adam"]
+    command = [str(photo), "--resume", str(tmp_path / "a.npz"), *settings]
     done = CliRunner().invoke(app, ["fit", *command, "--steps", "2", "-o", str(tmp_path / "b.png")])
     assert done.exit_code == 0, done.stderr
     lines = done.stderr.splitlines()
-    assert (
-        lines[0]
-        == "warning: -n, --seed: ignored, because --resume takes the settings from the file"
+    assert lines[0] == (
+        "warning: -n, --solver, --seed: ignored, because --resume takes the settings from the file"
     )
     assert lines[1].startswith("warning: --steps 2: no step is taken, because steps are counted")
     assert len(lines) == 2
