@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from . import fit_options
-from .fit_errors import errors_name_options
+from .fit_errors import errors_name_options, in_options
 from .session import print_message, session
 
 _PROCESSES = "Many processes"
@@ -119,15 +119,18 @@ def fit_folder(
         elif steps is not None:
             raise ValueError("give one of --steps and --seconds.")
         share, shares = _join(coordinator, processes, process, console)
-        from ..fitting.folder import find_pictures, fit_pictures, is_done, make_batches, read_scores
+        from ..fitting.folder import find_pictures, fit_pictures, is_done, make_batches, read_fitted
 
+        settings = {"triangles": triangles, "solver": solver, "size": size}
+        settings |= {"steps": steps, "seconds": seconds}
         pictures = find_pictures(folder)
         output.mkdir(parents=True, exist_ok=True)
         failures: list[str] = []
         batches = make_batches(pictures, size, batch, failures.append)[share::shares]
         assigned = [picture for each in batches for picture in each.pictures]
-        done = [read_scores(picture, output) for picture in assigned if is_done(picture, output)]
+        done = [read_fitted(picture, output) for picture in assigned if is_done(picture, output)]
         skipped = len(done)
+        _warn_of_other_settings(output, done, settings | {"seed": seed}, console)
         fitted_sizes = set()
         with _progress_bar(console, len(assigned), done) as show:
             for each in batches:
@@ -136,8 +139,7 @@ def fit_folder(
                 for fitted in fit_pictures(
                     each, output, count=batch, seed=seed, fail=failures.append,
                     compiles_first=compiles_first,
-                    devices=_local_devices(), triangles=triangles, solver=solver, size=size,
-                    steps=steps, seconds=seconds,
+                    devices=_local_devices(), **settings,
                 ):  # fmt: skip
                     fitted_sizes.add(each.size)
                     done.append(fitted)
@@ -262,6 +264,31 @@ def _progress_bar(console: Console, total: int, done: list[Any]) -> Iterator[Any
             bar.update(task, completed=len(done), status=status)
 
         yield show
+
+
+def _warn_of_other_settings(
+    output: Path, done: list[Any], settings: dict[str, Any], console: Console
+) -> None:
+    """Warn of finished pictures that were fitted with other settings, as they are not fitted again.
+
+    - `output`: the folder of the results.
+    - `done`: the finished pictures (`folder.Fitted`).
+    - `settings`: the settings of this command, by name.
+    """
+    from ..fitting.folder import changed_settings
+
+    changes = [names for names in (changed_settings(each, settings) for each in done) if names]
+    if not changes:
+        return
+    changed = [f"`{name}`" for name in settings if any(name in names for names in changes)]
+    count = (
+        "1 finished picture is" if len(changes) == 1 else f"{len(changes)} finished pictures are"
+    )
+    message = (
+        f"{output}: {count} kept, fitted with other values of {in_options(', '.join(changed), {})};"
+        " to fit again, remove NAME.json, or choose another --output"
+    )
+    print_message("warning", message, console)
 
 
 def _print_summary(output: Path, done: list[Any], skipped: int) -> None:

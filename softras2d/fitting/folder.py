@@ -11,7 +11,7 @@ processes share the work. Neither do the results depend on that, if the limit is
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -59,16 +59,23 @@ class Batch(NamedTuple):
     first_index: int
 
 
+_REPORTED = ("triangles", "solver", "size", "seed", "steps", "seconds")
+"""Settings of `fit_pictures` that reports hold, so that a later command can compare its own."""
+
+
 class Fitted(NamedTuple):
     """A picture whose files are written, and its scores at the size of the fit.
 
     - `psnr`: in dB.
     - `ssim`: structural similarity, in -1..1.
+    - `settings`: the settings of its fit, by name (`_REPORTED`), of which some may be missing.
+      `seed` is the seed of the command.
     """
 
     picture: Path
     psnr: float
     ssim: float
+    settings: Mapping[str, Any]
 
 
 def size_class(height: int, width: int, size: int) -> SizeClass:
@@ -179,6 +186,8 @@ def fit_pictures(
     substitute = next(iter(images.values()))
     targets = [images.get(picture, substitute) for picture in batch.pictures]
     targets += [substitute] * (count - len(targets))
+    reported = settings | {"seed": seed}
+    reported = {name: reported[name] for name in _REPORTED if name in reported}
     settings = settings | {"seed": seed + batch.first_index, "devices": devices}
     if compiles_first:
         one_step: dict[str, Any] = settings | {"steps": 1, "seconds": None}
@@ -189,8 +198,9 @@ def fit_pictures(
         raise KeyboardInterrupt
     for index, picture in enumerate(batch.pictures):
         if picture in images and picture in wanted:
-            _write(results[index], picture, folder, seed + batch.first_index + index)
-            yield Fitted(picture, results[index].psnr, results[index].ssim)
+            result, own_seed = results[index], seed + batch.first_index + index
+            _write(result, picture, folder, own_seed, reported)
+            yield Fitted(picture, result.psnr, result.ssim, reported)
 
 
 def is_done(picture: Path, folder: Path) -> bool:
@@ -198,17 +208,31 @@ def is_done(picture: Path, folder: Path) -> bool:
     return all((folder / f"{picture.stem}{suffix}").is_file() for suffix in (".svg", ".json"))
 
 
-def read_scores(picture: Path, folder: Path) -> Fitted:
-    """Read the scores of a picture that was fitted before, from its report NAME.json in `folder`.
+def read_fitted(picture: Path, folder: Path) -> Fitted:
+    """Read the scores and settings of a picture that was fitted before, from its report NAME.json.
 
-    Raises `ValueError` if the file is not such a report.
+    `folder` has the report. In reports of older versions, the only setting is the number of
+    triangles. Raises `ValueError` if the file is not such a report.
     """
     path = folder / f"{picture.stem}.json"
     try:
-        scores = json.loads(path.read_text(encoding="utf-8"))
-        return Fitted(picture, float(scores["psnr"]), float(scores["ssim"]))
+        report = json.loads(path.read_text(encoding="utf-8"))
+        settings = {"triangles": report["triangles"], **report.get("settings", {})}
+        return Fitted(picture, float(report["psnr"]), float(report["ssim"]), settings)
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{path}: not a report of a fit; remove it.") from None
+
+
+def changed_settings(fitted: Fitted, settings: Mapping[str, Any]) -> list[str]:
+    """Names of the settings with which a picture was fitted that now have other values.
+
+    `settings`: the current values of all settings that reports hold, by name.
+    """
+    return [
+        name
+        for name in _REPORTED
+        if name in fitted.settings and fitted.settings[name] != settings[name]
+    ]
 
 
 def shrunken(
@@ -221,11 +245,14 @@ def shrunken(
     return shrink(image.astype(np.float32), size.height, size.width)
 
 
-def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
+def _write(
+    result: FitResult, picture: Path, folder: Path, seed: int, settings: Mapping[str, Any]
+) -> None:
     """Write the files NAME.svg and NAME.json of a fitted picture to `folder`.
 
     - `result`: the fit at the size of its batch. In the SVG it is stretched to the picture's size.
     - `seed`: the seed of this picture's fit.
+    - `settings`: the settings that the report holds (`_REPORTED`).
 
     The JSON file has no times, so that the same fit writes the same bytes.
     """
@@ -245,6 +272,7 @@ def _write(result: FitResult, picture: Path, folder: Path, seed: int) -> None:
         "seed": seed,
         "psnr": result.psnr,
         "ssim": result.ssim,
+        "settings": settings,
     }
     with atomic_file(folder / f"{picture.stem}.json") as draft:
         draft.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -1,5 +1,7 @@
 """`softras2d fit-batch`: the arguments it refuses, and the processes it joins."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -59,6 +61,28 @@ def test_errors_are_one_line(folder, cluster, arguments: list[str], message: str
     assert message in done.stderr
     assert done.stderr.count("\n") == 1
     assert not cluster
+
+
+def run(folder, *arguments: str) -> str:
+    """Fit a folder, which must succeed, and return what is printed on standard error."""
+    done = CliRunner().invoke(app, ["fit-batch", str(folder), "-o", "out", *arguments])
+    assert done.exit_code == 0, done.stderr
+    return done.stderr
+
+
+def test_finished_pictures_of_other_settings_are_named(folder):
+    settings = ["-n", "3", "--steps", "1", "--size", "8"]
+    assert run(folder, *settings) == run(folder, *settings) == ""
+    assert run(folder, "-n", "3", "--steps", "2", "--size", "8", "--solver", "lm") == (
+        "warning: out: 1 finished picture is kept, fitted with other values of --solver, --steps; "
+        "to fit again, remove NAME.json, or choose another --output\n"
+    )
+    # A report of an older version has the number of triangles, but no settings.
+    report = json.loads(Path("out/photo.json").read_text())
+    del report["settings"]
+    Path("out/photo.json").write_text(json.dumps(report))
+    assert run(folder, "-n", "3", "--steps", "2", "--size", "8") == ""
+    assert "fitted with other values of -n;" in run(folder, "-n", "4")
 
 
 def test_processes_leave_each_other_before_they_fit(folder, cluster):
