@@ -211,7 +211,8 @@ def list_layers(
     - `samples`: the samples of the pixel at which it is listed, numbered row by row.
     - `coverage`: the fraction of the pixel that it covers.
     - `weights`, `color`, `depth`, `uv`, `level`: means over these samples of the arrays of
-      `WindowLayers`. The colour has straight alpha. Arrays that are None are left out.
+      `WindowLayers`. The colour has straight alpha. Arrays that are None are left out, and so is
+      the level of a triangle without texture.
     """
     pixel_arrays: dict[str, np.ndarray] = {
         name: np.asarray(value)[center, center]
@@ -243,7 +244,7 @@ def list_layers(
             "color": unpremultiply(mean["color"]).tolist(),
         }
         for name in ("depth", "uv", "level"):
-            if name in mean:
+            if name in mean and not np.isnan(mean[name]).any():
                 row[name] = mean[name].tolist()
         listed.append(row)
     return listed

@@ -43,8 +43,8 @@ class WindowLayers(NamedTuple):
     - `color`: premultiplied RGBA, not multiplied by coverage.
     - `depth`, `uv`: interpolated values; None if the scene has none. Depth is also None under
       analytic coverage.
-    - `level`: mip level of detail; None for a scene without textures, and under analytic coverage.
-      It has no meaning for a triangle without texture.
+    - `level`: mip level of detail, NaN for a triangle without texture; None for a scene without
+      textures, and under analytic coverage.
     """
 
     triangle: Int[HostOrDeviceArray, "height width samples layers"]
@@ -187,7 +187,7 @@ def _level(
 ) -> Float[Array, "*points"]:
     """Mip level of detail at each point, clipped to the levels that the pyramid has.
 
-    It is 0 for the level filter `"zero"`, and meaningless at points without texture (index -1).
+    It is 0 for the level filter `"zero"`, and NaN at points without texture (index -1).
 
     - `index`: index of the texture at each point.
     - `footprint`: change of (u, v) for a step of one pixel, as `Visibility.footprint` returns it.
@@ -201,5 +201,7 @@ def _level(
         footprint[..., 1, 1] * height,
     )
     if filter.level == "zero":
-        return jnp.zeros(index.shape, footprint.dtype)
-    return jnp.clip(level_and_probes(texels, filter).level, 0.0, textures.depth - 1.0)
+        level = jnp.zeros(index.shape, footprint.dtype)
+    else:
+        level = jnp.clip(level_and_probes(texels, filter).level, 0.0, textures.depth - 1.0)
+    return jnp.where(index < 0, jnp.nan, level)

@@ -116,12 +116,12 @@ def test_analytic_coverage_lists_what_each_triangle_covers(session, coverage):
 def test_textures_and_depth_are_listed():
     texture = small_image()[:32, :32]
     scene = sr.Scene.from_soup(
-        [[[0, 0], [64, 0], [0, 48]], [[0, 0], [64, 0], [64, 48]], [[0, 0], [64, 48], [0, 48]]],
+        [[[0, 0], [64, 0], [64, 48]], [[0, 0], [64, 0], [0, 48]], [[0, 0], [64, 48], [0, 48]]],
         np.ones((3, 3)),
         uv=[[[0, 0], [1, 0], [0, 1]]] * 3,
-        texture_index=[0, -1, 0],
+        texture_index=[-1, 0, 0],
         textures=sr.TexturePyramid.build([texture]),
-        depth=[[1, 1, 1], [2, 2, 2], [0.5, 0.5, 0.5]],
+        depth=[[2, 2, 2], [1, 1, 1], [0.5, 0.5, 0.5]],
     )
     session = Session([SceneInMemory("ground", scene, HEIGHT, WIDTH)])
     view = {"zoom": 0.5, "x": 0, "y": 0, "height": 32, "width": 32}
@@ -131,8 +131,11 @@ def test_textures_and_depth_are_listed():
     )
     expected = np.asarray(sr.render(enlarge(scene, 0.5, 0.5), plan))[5, 20]
     np.testing.assert_allclose(report.header["value"], expected, atol=1e-5)
-    first = report.header["layers"][0]
-    assert first["triangle"] == 0 and first["depth"] == pytest.approx(1.0)
+    first, second = report.header["layers"]
+    assert first["triangle"] == 1 and first["depth"] == pytest.approx(1.0)
+    # The second triangle has no texture.
+    assert second["triangle"] == 0 and second["depth"] == pytest.approx(2.0)
+    assert "level" not in second
     # Half the size on the screen: 32 texels across 32 pixels along x, and 32 across 24 along y.
     assert first["level"] == pytest.approx(np.log2(32 / 24), abs=1e-4)
     assert first["uv"] == pytest.approx([20.5 / 32, 5.5 / 24], abs=1e-4)

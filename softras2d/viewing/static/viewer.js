@@ -1707,7 +1707,7 @@ class Viewer {
       ["weights", ({ weights }) => weights.map((w) => w.toFixed(2)).join(" ")],
       ...(has("depth") ? [["depth", ({ depth }) => depth.toFixed(4)]] : []),
       ...(has("uv") ? [["u, v", ({ uv }) => uv.map((t) => t.toFixed(3)).join(" ")]] : []),
-      ...(has("level") ? [["level", ({ level }) => level.toFixed(2)]] : []),
+      ...(has("level") ? [["level", ({ level }) => level?.toFixed(2) ?? "none"]] : []),
     ];
     const table = h(
       "table", {},
