@@ -4,6 +4,7 @@ Strips and pairs are counted by the functions that list them on the device: `pro
 `find_pairs` run in numpy and in JAX alike.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -171,8 +172,8 @@ def _count_pairs(
         bounds,
         occluders,
         tiling,
-        expand_strips=_expand_unless_many,
-        expand_pairs=_expand_unless_many,
+        expand_strips=functools.partial(_expand_unless_many, "a row of tiles"),
+        expand_pairs=functools.partial(_expand_unless_many, "a tile"),
     )
     is_listed = pairs.tile < tiling.count
     tile = pairs.tile[is_listed]
@@ -181,15 +182,15 @@ def _count_pairs(
     return counts, ListedPairs(tile, pairs.triangle[is_listed], pairs.covers_tile[is_listed])
 
 
-def _expand_unless_many(count: np.ndarray) -> Expansion:
-    """Expand counts into a list with one entry for each counted item, as `expand_on_host` does.
+def _expand_unless_many(other: str, count: np.ndarray) -> Expansion:
+    """Expand counts of pairs of a triangle and `other`, as `expand_on_host` does.
 
-    Raises `ValueError` if the counts add up to more than `MOST_PAIRS`.
+    Raises `ValueError`, which names `other`, if the counts add up to more than `MOST_PAIRS`.
     """
     pairs = int(count.sum(dtype=np.int64))
     if pairs > MOST_PAIRS:
         raise ValueError(
-            f"the scene has {pairs:,} pairs of a triangle and a tile, more than {MOST_PAIRS:,}: "
+            f"the scene has {pairs:,} pairs of a triangle and {other}, more than {MOST_PAIRS:,}: "
             "draw it in pieces, with `origin` or fewer triangles."
         )
     return expand_on_host(count)

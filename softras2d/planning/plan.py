@@ -16,6 +16,9 @@ from .capacities import Capacity
 from .effects import EFFECTS, GUARD_BAND
 from .worst_case import worst_case
 
+_IN_ORDER = {"translucency", "depth test"}
+"""Effects for which, under sampled coverage, the lists of tiles are visited in order, in steps."""
+
 
 class Plan(eqx.Module):
     """How a scene, and scenes like it, are drawn; made by the function `plan`.
@@ -127,7 +130,7 @@ class Plan(eqx.Module):
         lists += (3 * capacity.chunks + 7 * tiling.count) * tile_channel
         fragments = 4 * capacity.fragments * (60 + tiling.grid.rate)
         steps = 0
-        if {"translucency", "depth test"} & set(self.effects):
+        if _IN_ORDER & set(self.effects):
             steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
         return lists + fragments + steps
 
@@ -155,6 +158,9 @@ class Plan(eqx.Module):
             return f"Plan({self.width} x {self.height} px, traced)"
         tiling, capacity = self.tiling, self.capacity
         effects = [f"  {name}: {EFFECTS[name].reason}" for name in self.effects] or ["  none"]
+        # The spare steps of other plans are taken by none of the planned scenes.
+        takes_steps = not self.side and bool(_IN_ORDER & set(self.effects))
+        steps = f", {capacity.steps:,} steps" if takes_steps else ""
         optional = {"fragments": capacity.fragments, "runs of crossings": capacity.runs}
         counts = [f"{count:,} {name}" for name, count in optional.items() if count]
         optional_line = [f"          {', '.join(counts)}"] if counts else []
@@ -170,8 +176,7 @@ class Plan(eqx.Module):
                     ["lists     every triangle for every tile: no list can be too short"]
                     * self.lists_all
                 ),
-                f"capacity  {capacity.strips:,} strips, {capacity.pairs:,} pairs, "
-                f"{capacity.steps:,} steps",
+                f"capacity  {capacity.strips:,} strips, {capacity.pairs:,} pairs{steps}",
                 f"          {capacity.chunks:,} chunks of {capacity.slots_per_chunk}, "
                 f"at most {capacity.max_chunks} in a tile",
                 *optional_line,

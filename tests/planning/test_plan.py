@@ -226,6 +226,17 @@ def test_effects_are_listed_with_their_reasons():
     assert "crossings" not in str(soft)
 
 
+@pytest.mark.parametrize(
+    ("channels", "coverage", "has_steps"),
+    [(4, sr.Hard(1), True), (3, sr.Hard(1), False), (4, sr.Soft(), False), (4, sr.Area(), False)],
+)
+def test_steps_are_shown_if_lists_are_visited_in_order(channels, coverage, has_steps):
+    scene = sr.Scene.from_soup(random_corners(0), colors_of(COUNT, channels=channels))
+    plan = sr.plan(scene, height=512, width=512, coverage=coverage)
+    assert not plan.lists_all
+    assert (" steps" in str(plan)) == has_steps
+
+
 @pytest.mark.parametrize("bias", [float("nan"), [0.0, 1.0]], ids=str)
 def test_a_bias_that_is_no_number_is_refused(bias):
     scene = sr.Scene.from_soup(np.zeros((1, 3, 2), np.float32), np.ones((1, 3)))
@@ -237,3 +248,18 @@ def test_a_bias_that_is_no_number_is_refused(bias):
 def test_an_impossible_number_of_probes_is_refused(probes):
     with pytest.raises((ValueError, TypeError), match="anisotropy"):
         sr.Filter(anisotropy=probes)
+
+
+@pytest.mark.parametrize(
+    ("most", "what"),
+    # Eight triangles reach all of the 64 rows of 64 tiles.
+    [
+        (511, "has 512 pairs of a triangle and a row of tiles"),
+        (512, "pairs of a triangle and a tile"),
+    ],
+)
+def test_too_many_pairs_are_named(most, what, monkeypatch):
+    monkeypatch.setattr("softras2d.planning.list_counts.MOST_PAIRS", most)
+    scene = sr.Scene.from_soup([[[0, 0], [512, 0], [0, 512]]] * 8, np.zeros((8, 3)))
+    with pytest.raises(ValueError, match=f"{what}, more than {most}: draw it in pieces"):
+        sr.plan(scene, height=512, width=512)
