@@ -5,6 +5,8 @@ This module imports JAX, so it is imported only while a command runs.
 
 import dataclasses
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +108,12 @@ def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]
 
 
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
-    """Plan to render an image of `height` x `width` pixels, as the options say."""
-    return plan(scene, height=height, width=width, **_plan_arguments(options))
+    """Plan to render an image of `height` x `width` pixels, as the options say.
+
+    Raises `ValueError` for invalid options, which it names as on the command line.
+    """
+    with _errors_name_options():
+        return plan(scene, height=height, width=width, **_plan_arguments(options))
 
 
 def make_tiled_plan(
@@ -115,9 +121,33 @@ def make_tiled_plan(
 ) -> TiledPlan:
     """Plan to render an image of `height` x `width` pixels in tiles, as the options say.
 
-    `tile` is the side of a tile in pixels, or None for the default.
+    `tile` is the side of a tile in pixels, or None for the default. Raises `ValueError` for invalid
+    options, which it names as on the command line.
     """
-    return plan_tiles(scene, height=height, width=width, tile=tile, **_plan_arguments(options))
+    with _errors_name_options():
+        return plan_tiles(scene, height=height, width=width, tile=tile, **_plan_arguments(options))
+
+
+_IN_OPTIONS = {
+    "in pieces, with `origin`": "with softras2d render --tiled",
+    "`width` must be one number of pixels above 0": "--soft-width must be a number above 0",
+    "`lod_bias`": "--lod-bias",
+    "`origin`": "--origin",
+    "`tile`": "--tile",
+}
+"""Texts in errors of `plan` and `plan_tiles`, and what the command line says instead."""
+
+
+@contextmanager
+def _errors_name_options() -> Iterator[None]:
+    """In a `with` block, rewrite the message of a `ValueError`, so that it names options."""
+    try:
+        yield
+    except ValueError as error:
+        message = str(error)
+        for argument, option in _IN_OPTIONS.items():
+            message = message.replace(argument, option)
+        raise ValueError(message) from error
 
 
 def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
