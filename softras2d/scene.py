@@ -29,6 +29,7 @@ from jaxtyping import Array, Float, Int
 
 from .display.notebook import scene_html
 from .display.scene_text import scene_text
+from .numerics.arguments import check_type
 from .numerics.byte_colors import refuse_integer_bytes, warn_of_bytes
 from .numerics.device import is_traced, to_device, to_host
 from .texture.pyramid import TexturePyramid
@@ -189,6 +190,7 @@ def check_types(scene: Scene) -> None:
     neither the sample grid nor the sums over a triangle's pixels. Integer colours would be
     interpreted as values in 0..1.
     """
+    check_type("scene", scene, Scene)
     arrays = {name: getattr(scene, name) for name in _FLOATING}
     indices = {"triangles": scene.triangles, "texture_index": scene.texture_index}
     if scene.textures is not None:
@@ -213,17 +215,15 @@ def check(scene: Scene) -> None:
     if is_traced(scene):
         return
     _check_indices(scene.triangles, scene.positions.shape[-2])
-    for name, axis in (
-        ("positions", "vertex"),
-        ("depth", "vertex"),
-        ("inverse_w", "vertex"),
-        ("uv", "triangle"),
-        ("colors", "triangle"),
-        ("background", "channel"),
+    for axis, names in (
+        ("vertex", ("positions", "depth", "inverse_w")),
+        ("triangle", ("uv", "colors")),
+        ("channel", ("background",)),
     ):
-        value = getattr(scene, name)
-        if value is not None:
-            _refuse(~np.isfinite(value), name, axis, "finite", value)
+        for name in names:
+            value = getattr(scene, name)
+            if value is not None:
+                _refuse(~np.isfinite(value), name, axis, "finite", value)
     if scene.inverse_w is not None:
         inverse_w = np.asarray(scene.inverse_w)
         _refuse(inverse_w <= 0, "inverse_w", "vertex", "positive", inverse_w)

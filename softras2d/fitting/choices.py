@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from .. import names
 from ..names import check_name
-from ..numerics.integer_arguments import checked_integer
+from ..numerics.arguments import checked_integer
 from . import steering
 from .traits import TRAITS
 

@@ -7,9 +7,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..numerics.arguments import checked_integer
 from ..numerics.compiled_programs import drop_programs
 from ..numerics.device import to_device
-from ..numerics.integer_arguments import checked_integer
 from . import choices, steering
 from .budget import Budget, Limits
 from .chunk import advance_fits

@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int, UInt8
 
+from ..numerics.arguments import checked_integer
 from ..numerics.device import to_device
-from ..numerics.integer_arguments import checked_integer
 from ..scene import Scene, check
 from .drafts import atomic_file
 from .outputs import check_writable_path
@@ -80,11 +80,11 @@ def write_compact(
     """
     path = Path(path)
     check_writable_path(path)
+    check(scene)
     if scene.positions.ndim != 2:
         raise ValueError(
             f"`write_compact` takes one scene, not a batch; got {scene.positions.shape}."
         )
-    check(scene)
     for name in ("textures", "depth", "inverse_w"):
         if getattr(scene, name) is not None:
             raise ValueError(f"a compact file has no `{name}`, which the scene has.")

@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..numerics.arguments import check_type
 from ..numerics.device import is_traced
 from ..scene import Scene
 from .plan import Plan
@@ -41,6 +42,7 @@ def pad(scene: Scene) -> Scene:
     without triangles is returned unchanged; padding twice changes nothing. Raises `ValueError`
     under a trace.
     """
+    check_type("scene", scene, Scene)
     if is_traced(scene):
         raise ValueError("`pad` needs a concrete scene: pad outside jit, vmap and grad.")
     return pad_to(scene, triangle_class(scene.triangles.shape[-2]))

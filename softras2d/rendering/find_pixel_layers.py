@@ -5,10 +5,11 @@ from typing import SupportsIndex
 import equinox as eqx
 import jax.numpy as jnp
 
-from ..numerics.integer_arguments import checked_integer
+from ..numerics.arguments import checked_integer
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..scene import Scene
+from .arguments import check_scene_and_plan
 from .modes import pixel_layers_mode_of
 from .overflow import compare, nan_on_overflow, raise_on_overflow
 from .pixel_layers import PixelLayers
@@ -26,6 +27,7 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
     its derivatives NaN instead. Raises `ValueError` for a plan with `Hard` coverage, and if
     `layers` is less than 1.
     """
+    check_scene_and_plan(scene, plan)
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.
     # The number of layers decides the shape of the buffers, so it is known while tracing.
     layers = checked_integer("layers", layers, 1)

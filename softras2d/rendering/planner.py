@@ -12,8 +12,8 @@ import numpy as np
 
 from ..geometry.canvas_grid import Grid
 from ..names import OnOverflow, PlanCapacity, check_name
+from ..numerics.arguments import checked_integer
 from ..numerics.device import is_traced, to_device
-from ..numerics.integer_arguments import checked_integer
 from ..options import Coverage, Filter, Hard
 from ..planning.effects import EFFECTS, GUARD_BAND, Drawing
 from ..planning.plan import Plan

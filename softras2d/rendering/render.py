@@ -15,6 +15,7 @@ from ..planning.effects import Drawing
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
+from .arguments import check_scene_and_plan
 from .coverage_mode import Drawn
 from .modes import mode_of
 from .overflow import Outcome, compare, raise_on_overflow, raise_or_return_nan
@@ -46,6 +47,7 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     raise. A plan made with `on_overflow="nan"` makes image and derivatives NaN under a trace,
     instead of raising. A plan with `capacity="worst_case"` cannot be outgrown, and adds no check.
     """
+    check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
     if plan.cannot_be_outgrown:
         return image
@@ -63,6 +65,7 @@ def render_checked(
     Returns the image, and whether the scene outgrew the plan. If it did, triangles are missing from
     the image: plan again.
     """
+    check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
     return image, outcome.overflow
 

@@ -12,11 +12,12 @@ from ..display.notebook import buffers_html
 from ..display.scene_text import buffers_text
 from ..gradients.crossings import Sample
 from ..gradients.visible_front import triangle_at
-from ..numerics.integer_arguments import checked_integer
+from ..numerics.arguments import checked_integer
 from ..planning.capacities import Needs
 from ..planning.plan import Plan
 from ..planning.size_classes import pad_concrete
 from ..scene import Scene, check_types
+from .arguments import check_scene_and_plan
 from .corner_weights import buffer_weights, uv_change, with_unit_corners
 from .listed_samples import ListedSamples, count_covering, nearest_layers
 from .overflow import Outcome, compare, nan_on_overflow, raise_on_overflow
@@ -144,6 +145,7 @@ def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibil
     Raises `ValueError` for a plan with `Soft` or `Area` coverage, and for indices of more than 2
     GiB: then draw the canvas in windows (`plan(origin=...)`).
     """
+    check_scene_and_plan(scene, plan)
     # The number of layers decides the shape of the buffers, so it is known while tracing.
     layers = checked_integer("layers", layers, 1)
     _check(plan, layers)

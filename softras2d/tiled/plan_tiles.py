@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Int
 
 from ..geometry.canvas_grid import Grid
+from ..numerics.arguments import check_type, checked_integer
 from ..numerics.device import is_traced, to_device
-from ..numerics.integer_arguments import checked_integer
 from ..options import Coverage, Filter, Hard
 from ..planning.capacities import choose_slots_per_chunk
 from ..planning.effects import Drawing
@@ -155,9 +155,9 @@ def plan_tiles(
     coverage = Hard() if coverage is None else coverage
     mode = mode_of(coverage)
     coverage = mode.prepare(coverage, None)
+    check(scene)
     if is_traced(scene) or scene.positions.ndim != 2:
         raise ValueError("`plan_tiles` needs one concrete scene: make the plan outside jit.")
-    check(scene)
     origin, filter = checked_origin(origin), checked_filter(filter)
     cut = _checked_cut(height, width, tile, coverage)
     border = mode.gradient_border(coverage) if gradients else 0
@@ -185,6 +185,8 @@ def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     If the plan has a witness (`pieces.with_witness`), the witness is appended as the last triangle.
     Raises `ValueError` for a traced scene, and for a scene without all triangles of the lists.
     """
+    check_type("scene", scene, Scene)
+    check_type("plan", plan, TiledPlan, "softras2d.plan_tiles(scene, ...)")
     if is_traced(scene):
         raise ValueError("a tiled canvas is drawn from a concrete scene: call this outside jit.")
     needed, triangles = int(plan.lists.triangle.max(initial=-1)) + 1, scene.triangles.shape[0]

@@ -42,10 +42,10 @@ def render_tiles(
     for a traced scene or one with fewer triangles, and if triangles have moved since the plan was
     made and outgrow it. A triangle that has moved into another window is missing there: plan again.
     """
+    host = host_scene(scene, plan)
     for number in () if windows is None else windows:
         if not 0 <= number < plan.cut.count:
             raise ValueError(f"`windows` must be in 0..{plan.cut.count - 1}; got {number}.")
-    host = host_scene(scene, plan)
     blank: list[Any] = []
 
     def draw(window: Window, device: Device) -> tuple[Any, Any]:

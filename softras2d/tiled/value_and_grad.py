@@ -64,8 +64,8 @@ def tiled_value_and_grad(
         return value, overflow, gradient
 
     def value_and_grad(scene: Scene, plan: TiledPlan, *data: Any) -> tuple[float, Scene]:
-        _check(plan, data)
         host = host_scene(scene, plan)
+        _check(plan, data)
         blank = blank_piece(host)
 
         def start(window: Window, device: Device) -> tuple[Piece, Any]:
@@ -91,10 +91,15 @@ def tiled_value_and_grad(
 
 
 def _check(plan: TiledPlan, data: Sequence[Any]) -> None:
-    """Raise `ValueError` for a plan without gradients, or for data of another size."""
+    """Raise `ValueError` for a plan without gradients, and for data of another size or type."""
     if not plan.has_gradients:
         raise ValueError("`tiled_value_and_grad` needs a plan by plan_tiles(..., gradients=True).")
     for array in data:
+        if not hasattr(array, "shape"):
+            raise ValueError(
+                f"data must be arrays [{plan.height}, {plan.width}, ...], as the canvas; "
+                f"got {type(array).__name__}."
+            )
         if tuple(array.shape[:2]) != (plan.height, plan.width):
             raise ValueError(
                 f"data must be [{plan.height}, {plan.width}, ...], as the canvas; "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..io.drafts import atomic_file
 from ..io.image_stream import ImageStream, check_stream
+from ..numerics.arguments import check_type
 from ..numerics.device import Devices
 from ..scene import Scene
 from .plan_tiles import TiledPlan
@@ -36,6 +37,8 @@ def write_tiles(
     line, as `render_tiles` and `write_image` do.
     """
     path = Path(path)
+    check_type("scene", scene, Scene)
+    check_type("plan", plan, TiledPlan, "softras2d.plan_tiles(scene, ...)")
     channels = int(scene.background.shape[-1])
     check_stream(path)
     with atomic_file(path) as draft:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ....numerics.integer_arguments import checked_integer
+from ....numerics.arguments import checked_integer
 from ....scene import Scene, check
 from .short_numbers import MAX_DIGITS
 

@@ -1,4 +1,4 @@
-"""Checks arguments that must be integers.
+"""Checks the types of arguments.
 
 This module does not load JAX, so that the command line can check its arguments first.
 """
@@ -24,3 +24,16 @@ def checked_integer(name: str, value: Any, minimum: int, maximum: int | None = N
         accepted = f"of {minimum} or more" if maximum is None else f"in {minimum}..{maximum}"
         raise ValueError(f"`{name}` must be an integer {accepted}; got {value!r:.60}.")
     return number
+
+
+def check_type(name: str, value: Any, expected: type, made_by: str = "") -> None:
+    """Raise `ValueError`, which names the type that was given, unless it is the expected one.
+
+    - `name`: the argument's name, for the message.
+    - `made_by`: text of the call that returns such an object, for the message.
+    """
+    if not isinstance(value, expected):
+        hint = f", made by {made_by}" if made_by else ""
+        raise ValueError(
+            f"`{name}` must be a {expected.__name__}{hint}; got {type(value).__name__}."
+        )
