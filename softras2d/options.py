@@ -3,6 +3,8 @@
 This module holds data only. The table in `rendering/modes.py` maps each option to its pipeline.
 """
 
+from typing import Any
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array
@@ -21,6 +23,11 @@ SAMPLES = (1, 4, 9, 16, 64, 256)
 """Numbers of samples per pixel that `Hard` accepts: the squares of 1, 2, 3, 4, 8 and 16."""
 
 
+def _plain(value: Any) -> Any:
+    """Convert a scalar of NumPy or JAX to a Python number, since static fields are not arrays."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
 class Hard(eqx.Module):
     """Exact supersampling: integer arithmetic decides whether each sample is inside.
 
@@ -37,10 +44,10 @@ class Hard(eqx.Module):
       costs nothing unless a derivative is taken. If false, their gradient is zero.
     """
 
-    samples: int = eqx.field(static=True, default=16)
+    samples: int = eqx.field(static=True, converter=_plain, default=16)
     fill_rule: FillRule = eqx.field(static=True, default="inclusive")
     shading: Shading = eqx.field(static=True, default="sample")
-    edge_gradients: bool = eqx.field(static=True, default=True)
+    edge_gradients: bool = eqx.field(static=True, converter=_plain, default=True)
 
     def __check_init__(self):
         if self.samples not in SAMPLES:
@@ -137,7 +144,7 @@ class Filter(eqx.Module):
 
     pixel: PixelFilter = eqx.field(static=True, default="bilinear")
     level: LevelFilter = eqx.field(static=True, default="linear")
-    anisotropy: int = eqx.field(static=True, default=1)
+    anisotropy: int = eqx.field(static=True, converter=_plain, default=1)
     lod_bias: float | Array = 0.0
 
     def __check_init__(self):

@@ -217,6 +217,13 @@ def test_options_out_of_range_are_refused(make):
         make()
 
 
+def test_options_accept_the_numbers_of_numpy_and_jax():
+    """Equinox would warn of an array in a static field, and the options would not be equal."""
+    assert sr.Hard(np.int64(4), edge_gradients=np.bool_(False)) == sr.Hard(4, edge_gradients=False)
+    assert sr.Hard(jnp.int32(4)) == sr.Hard(4) and type(sr.Hard(np.int64(4)).samples) is int
+    assert sr.Filter(anisotropy=np.int64(2)) == sr.Filter(anisotropy=2)
+
+
 def test_rate_is_the_root_of_samples():
     for samples in (1, 4, 9, 16, 64, 256):
         assert sr.Hard(samples=samples).rate ** 2 == samples
