@@ -25,9 +25,11 @@ from ..planning.capacities import Needs
 from ..planning.plan import Plan
 
 _REMEDIES = (
-    "plan with `capacity='worst_case'` or a larger `headroom`, call softras2d.plan(scene, ...) "
-    "again, or draw with `render_checked`, which returns a flag"
+    "plan with `capacity='worst_case'` or a larger `headroom`, or call softras2d.plan(scene, ...) "
+    "again"
 )
+
+_REMEDIES_OF_RENDER = f"{_REMEDIES}, or draw with `render_checked`, which returns a flag"
 
 _LISTS = {
     "strips": "strips (pairs of a triangle and a row of tiles)",
@@ -70,11 +72,12 @@ def compare(needs: Needs, leaves_guard_band: Any, plan: Plan) -> Outcome:
     return Outcome(needs, jnp.asarray(leaves_guard_band), overflow)
 
 
-def overflow_message(outcome: Outcome, plan: Plan) -> str:
+def overflow_message(outcome: Outcome, plan: Plan, *, of_render: bool = False) -> str:
     """Say in one line which lists were too short, by how much, and what helps.
 
     Names each such list with the needed and the planned number of entries, and says so if triangles
-    reach past the guard band. Values must be known.
+    reach past the guard band. Values must be known. `of_render` says whether the function that
+    draws is `render`, for which `render_checked` helps.
     """
     slots = plan.capacity.slots_per_chunk
     unit = {"chunks": slots, "max_chunks": slots}
@@ -92,38 +95,39 @@ def overflow_message(outcome: Outcome, plan: Plan) -> str:
             "triangles past the guard band, which extends at least half the longer side beyond "
             "the canvas"
         )
-    return f"the scene outgrew its plan ({'; '.join(exceeded)}): {_REMEDIES}."
+    remedies = _REMEDIES_OF_RENDER if of_render else _REMEDIES
+    return f"the scene outgrew its plan ({'; '.join(exceeded)}): {remedies}."
 
 
 def raise_or_return_nan(
     image: Float[Array, "height width channels"], scene: Any, outcome: Outcome, plan: Plan
 ) -> Float[Array, "height width channels"]:
-    """Return `image`, or, if the scene outgrew its plan, raise an error or return NaN.
+    """Return the image that `render` drew; if the scene outgrew its plan, raise or return NaN.
 
     `raise_on_overflow` says when an error is raised. If the scene outgrew its plan and no error is
     raised, the image is NaN everywhere, and so is its derivative with respect to every float of
     `scene`, forwards and backwards, whatever the loss is. If the scene did not outgrow its plan,
     neither the image nor any derivative changes by a bit.
     """
-    return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan))
+    return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan, of_render=True))
 
 
-def raise_on_overflow(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
+def raise_on_overflow(outcome: Outcome, plan: Plan, *, of_render: bool = False) -> Bool[Array, ""]:
     """Raise an error if the scene outgrew its plan; return whether it did.
 
     Raises `ValueError` at once if values are known. Under a trace, the compiled program raises it
     when it runs, if `plan.on_overflow` is `"raise"`; the check is lost if the result is not used.
     If it is `"nan"`, nothing is raised, and the caller must use the result. For a plan that cannot
-    be outgrown, the result is false.
+    be outgrown, the result is false. `of_render` is as in `overflow_message`.
     """
     if plan.cannot_be_outgrown:
         return jnp.zeros((), bool)
     if not isinstance(outcome.overflow, Tracer):
         if outcome.overflow:
-            raise ValueError(overflow_message(outcome, plan))
+            raise ValueError(overflow_message(outcome, plan, of_render=of_render))
         return outcome.overflow
     if plan.on_overflow == "raise":
-        return outcome.overflow | _raise_if_any(outcome, plan)
+        return outcome.overflow | _raise_if_any(outcome, plan, of_render)
     return outcome.overflow
 
 
@@ -137,12 +141,13 @@ def nan_on_overflow(image: Array, scene: Any, overflow: Bool[Array, ""]) -> Arra
     return _nan_if(image, floats, overflow)
 
 
-def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
+def _raise_if_any(outcome: Outcome, plan: Plan, of_render: bool) -> Bool[Array, ""]:
     """Raise an error, when the compiled program runs, if any scene of a batch outgrew its plan.
 
     Returns false if none did. The error is raised on the host by a callback, which raises an
     ordinary `ValueError`, whose last line is the complete message. `equinox.error_if` could not
-    name the counts, which are known only when the program runs.
+    name the counts, which are known only when the program runs. `of_render` is as in
+    `overflow_message`.
     """
     outcome = jax.lax.stop_gradient(outcome)
     # The largest needs of the batch are compared once: under `jax.vmap` the condition would
@@ -150,9 +155,8 @@ def _raise_if_any(outcome: Outcome, plan: Plan) -> Bool[Array, ""]:
     worst = jax.tree.map(lambda value: greatest_of_batch(jnp.asarray(value, jnp.int32)), outcome)
 
     def raise_error(*values: Any) -> np.ndarray:
-        raise ValueError(
-            overflow_message(jax.tree.unflatten(jax.tree.structure(worst), values), plan)
-        )
+        known = jax.tree.unflatten(jax.tree.structure(worst), values)
+        raise ValueError(overflow_message(known, plan, of_render=of_render))
 
     def call_host(worst: Outcome) -> Array:
         leaves = jax.tree.leaves(worst)

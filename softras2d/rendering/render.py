@@ -53,7 +53,7 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
         return image
     if isinstance(outcome.overflow, Tracer):
         return raise_or_return_nan(image, scene, outcome, plan)
-    raise_on_overflow(outcome, plan)
+    raise_on_overflow(outcome, plan, of_render=True)
     return image
 
 

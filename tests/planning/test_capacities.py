@@ -56,7 +56,7 @@ def test_overflow_stops_eager_render():
     message = str(raised.value)
     assert "\n" not in message
     assert "60 triangles in the list of one tile for 32" in message
-    assert "capacity='worst_case'" in message
+    assert "capacity='worst_case'" in message and "`render_checked`" in message
 
 
 def test_overflow_stops_a_traced_render():
@@ -65,7 +65,7 @@ def test_overflow_stops_a_traced_render():
     with pytest.raises(Exception, match="plan") as raised:
         jax.jit(sr.render)(_crowded(), plan).block_until_ready()
     last = str(raised.value).strip().splitlines()[-1]
-    assert "60 triangles in the list of one tile for 32" in last
+    assert "60 triangles in the list of one tile for 32" in last and "`render_checked`" in last
 
 
 @pytest.mark.slow

@@ -92,8 +92,8 @@ def complaints(monkeypatch):
 
     complain = overflow.overflow_message
 
-    def record(outcome, plan):
-        messages.append(complain(outcome, plan))
+    def record(outcome, plan, **options):
+        messages.append(complain(outcome, plan, **options))
         return messages[-1]
 
     monkeypatch.setattr(overflow, "overflow_message", record)

@@ -80,7 +80,15 @@ def test_a_scene_that_outgrows_its_plan_raises_at_once():
     scene, plan = opaque_overflow()
     with pytest.raises(ValueError, match="outgrew its plan") as raised:
         sr.rasterize(scene, plan)
-    assert "\n" not in str(raised.value)
+    message = str(raised.value)
+    assert message.endswith("a larger `headroom`, or call softras2d.plan(scene, ...) again.")
+    assert "\n" not in message
+
+
+def test_layers_of_pixels_that_outgrow_their_plan_recommend_what_exists_for_them():
+    scene, plan = too_large_for_plan(sr.Soft())
+    with pytest.raises(ValueError, match=r"call softras2d\.plan\(scene, \.\.\.\) again\.$"):
+        sr.pixel_layers(scene, plan, layers=1)
 
 
 @pytest.mark.slow
