@@ -23,6 +23,8 @@ class Buffers(Protocol):
     - `depth`: `[height, width, samples]`, or None if the scene has none.
     - `coverage`: `[height, width]`, the fraction of the pixel that triangles cover, 0..1.
 
+    The first three may have an axis of layers, nearest first, after the samples.
+
     An optional field `overdraw`, `[height, width, samples]` or None, is the number of triangles
     that cover each sample.
     """
@@ -50,30 +52,33 @@ class _Panel(NamedTuple):
 def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
     """Show visibility buffers side by side; each pixel is the mean over its samples.
 
-    - `visible`: the result of `rasterize` with one layer, or any object with the fields of
-      `Buffers`.
+    - `visible`: the result of `rasterize`, or any object with the fields of `Buffers`. Of several
+      layers, the nearest is shown.
     - `figure`: matplotlib figure to draw into; by default a new one.
 
     The panels are: triangle indices, in colours that differ clearly between neighbouring indices;
     barycentric weights of the corners 0, 1 and 2 as red, green and blue; depth, where nearer is
     lighter and the background is transparent; coverage, from black to white; and overdraw, from
     black to yellow. There is no panel of depth or overdraw if `visible` has none. Returns the
-    figure. Raises `ValueError`, with a message of one line, for arrays whose shapes do not fit.
+    figure. Raises `ValueError`, with a message of one line, for arrays whose shapes do not fit, and
+    for an object without the fields, such as the result of `pixel_layers`.
     """
     import_pyplot()
-    ids = id_colors(visible.triangle)
-    numbers = np.asarray(visible.triangle)
-    if numbers.ndim != 3:
-        raise ValueError(f"`triangle` must be [height, width, samples]; got {numbers.shape}.")
+    _check_fields(visible)
+    triangle = np.asarray(visible.triangle)
+    if triangle.ndim not in (3, 4):
+        raise ValueError(f"`triangle` must be [height, width, samples]; got {triangle.shape}.")
+    nearest = (slice(None),) * 3 + (0,) * (triangle.ndim - 3)
+    numbers = triangle[nearest]
     is_covered, size = numbers >= 0, numbers.shape[:2]
-    weights = _checked("barycentric", visible.barycentric, (*numbers.shape, 3))
+    weights = _checked("barycentric", visible.barycentric, (*triangle.shape, 3))[nearest]
     coverage = _checked("coverage", visible.coverage, size)
     panels = [
-        _Panel("triangle", ids),
+        _Panel("triangle", id_colors(numbers)),
         _Panel("barycentric weights", _weight_colors(weights, is_covered)),
     ]
     if visible.depth is not None:
-        depth = _checked("depth", visible.depth, numbers.shape)
+        depth = _checked("depth", visible.depth, triangle.shape)[nearest]
         panels.append(_depth_panel(depth, is_covered))
     panels.append(_Panel("coverage", coverage[..., None]))
     overdraw = getattr(visible, "overdraw", None)
@@ -82,6 +87,16 @@ def buffers(visible: Buffers, *, figure: AnyFigure | None = None) -> AnyFigure:
     return film_strip(
         [panel.image for panel in panels], titles=[panel.title for panel in panels], figure=figure
     )
+
+
+def _check_fields(visible: Any) -> None:
+    """Raise `ValueError` for an object that does not have all fields of `Buffers`."""
+    fields = ("triangle", "barycentric", "depth", "coverage")
+    if not all(hasattr(visible, field) for field in fields):
+        raise ValueError(
+            "`visible` must be the result of `rasterize`, or have the fields "
+            f"{', '.join(fields[:-1])} and {fields[-1]}; got {type(visible).__name__}."
+        )
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:

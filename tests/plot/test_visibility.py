@@ -12,6 +12,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 
 from softras2d import plot
+from softras2d.plot import visibility
 from softras2d.plot.palette import BACKGROUND
 
 from ..cases.visibility import visible
@@ -94,6 +95,30 @@ def test_depth_and_overdraw_are_optional():
     titles = ["triangle", "barycentric weights", "coverage"]
     assert list(panels(plot.buffers(Plain()))) == titles
     assert list(panels(plot.buffers(VISIBLE._replace(depth=None, overdraw=None)))) == titles
+
+
+def test_the_nearest_of_several_layers_is_shown():
+    hidden = visible(CORNERS[:1], np.full((1, 3), 9.0), height=10, width=16)
+    names = ("triangle", "barycentric", "depth")
+    layers = VISIBLE._replace(
+        **{n: np.stack([getattr(VISIBLE, n), getattr(hidden, n)], axis=3) for n in names}
+    )
+    assert layers.triangle.shape == (10, 16, 16, 2)
+    one_layer = panels(plot.buffers(VISIBLE))
+    for title, image in panels(plot.buffers(layers)).items():
+        np.testing.assert_array_equal(image, one_layer[title])
+
+
+def test_an_object_without_the_buffers_is_refused():
+    class Layers:
+        triangle = barycentric = coverage = np.zeros((2, 2, 1))
+
+    with pytest.raises(ValueError) as caught:
+        visibility._check_fields(Layers())
+    assert str(caught.value) == (
+        "`visible` must be the result of `rasterize`, or have the fields triangle, barycentric, "
+        "depth and coverage; got Layers."
+    )
 
 
 def test_buffers_of_the_background_alone_are_shown():
