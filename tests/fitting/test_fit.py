@@ -258,7 +258,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`family` must be one of 'layers', 'mesh'": dict(family="sphere"),
     "`shading` of a layers fit": dict(shading="linear"),
     "`solver` must be": dict(solver="newton"),
-    "`triangles` must be a whole number": dict(triangles=0),
+    "`triangles` must be an integer in 1..2147483647": dict(triangles=0),
     "`steps` must be": dict(steps=-1),
     "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
     "`seconds` must be": dict(seconds=-1.0),
