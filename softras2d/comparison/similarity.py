@@ -47,8 +47,8 @@ def ssim(
 ) -> Float[HostOrDeviceArray, ""]:
     """Structural similarity, in -1..1, which is 1 for equal images.
 
-    It is the mean over channels and over all windows of 11 x 11 pixels that lie inside the image.
-    Along a side of fewer than 11 pixels the window is smaller.
+    It is the mean over channels and over all windows of 11 x 11 pixels, with Gaussian weights, that
+    lie inside the image. Along a shorter side the window has the largest odd size that fits.
     """
     mean_a, mean_b = _blur(image), _blur(target)
     variance_a = _blur(image * image) - mean_a * mean_a

@@ -122,7 +122,7 @@ def barycentric_cotangents(
     """Compute the cotangents of the barycentric weights of corners 1 and 2 at each pixel.
 
     - `color_cotangents`: as returned by `slot_color_cotangents`.
-    - `corners`: red, green and blue of corners 0, 1 and 2 in turn.
+    - `corners`: red, green and blue of corner 0, then those of corner 1, then those of corner 2.
     """
     return jnp.stack(
         [
@@ -142,7 +142,7 @@ def corner_color_cotangents(
 ) -> list[Float[Array, " slots"]]:
     """Compute the cotangents of the corners' colours, summed over the pixels of each slot.
 
-    Returns red, green and blue of corners 0, 1 and 2 in turn.
+    Returns red, green and blue of corner 0, then those of corner 1, then those of corner 2.
 
     - `color_cotangents`: as returned by `slot_color_cotangents`.
     - `values`: the weights of corners 1 and 2.

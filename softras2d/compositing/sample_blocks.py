@@ -244,7 +244,7 @@ def sum_covered(
 def sum_where_covered(
     words: UInt32[Array, "sub_rows lines"], values: Float[Array, "*samples"], tiling: Tiling
 ) -> Float[Array, "width lines"]:
-    """Sum values over the samples of each pixel whose bits in `words` are set.
+    """Sum, for each pixel, the values of those of its samples whose bits in `words` are set.
 
     The sum is one expression, which the compiler fuses.
     """

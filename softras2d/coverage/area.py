@@ -258,7 +258,8 @@ def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tupl
 def _length_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tuple[Array, Array]:
     """Compute the integrals of 1 dt and of t dt along the segment of an edge in each pixel.
 
-    t is 0 at the start of the whole edge, before clipping, and 1 at its end. `x` and `y` are the
+    The first is the fraction of the whole edge that lies in the pixel; both are 0 if none does. t
+    is 0 at the start of the whole edge, before clipping, and 1 at its end. `x` and `y` are the
     centre of the pixel, in pixels from the tile's upper left.
     """
     a, b = interval_in_pixel(edge, x, y)

@@ -230,7 +230,7 @@ def depth_on_edge(
 
     `edge` is 3 times the index of the triangle, plus the number of the edge, 0..2, in the triangle
     reoriented to positive area. t is 0 at the start of the edge. Lines and runs are those of
-    crossings (`gradients.crossings`): a run is a group of points on one edge, and each of its lines
+    crossings (`gradients.runs`): a run is a group of points on one edge, and each of its lines
     is a row or column of samples that the edge crosses.
     """
     return _depth_on_edge(depths.depth, edge, t)

@@ -151,8 +151,8 @@ class Budget(NamedTuple):
     def _seconds_for_steps(self) -> float:
         """Seconds that remain for steps before the deadline.
 
-        The seconds that are reserved for the end of the fit are subtracted. The result is 0 or
-        more.
+        The limit must be a deadline. The seconds that are reserved for the end of the fit are
+        subtracted. The result is 0 or more.
         """
         assert self.limits.deadline is not None
         seconds = self.end_seconds.result() if self.end_seconds.done() else self.end_guess

@@ -1,6 +1,8 @@
 """The loss of a fit: how far an image is from its target.
 
-To add a loss, write its function here, and put its name into `names.Loss` and into `_LOSSES`.
+To add a loss, write its function here, and put its name into `names.Loss` and into `_LOSSES`. Three
+texts describe each loss: the docstrings of `Loss` and of `fit`, and the help of `--loss` in
+`cli.fit_options`.
 
 **Source:** Zhao, Gallo, Frosio and Kautz, *Loss Functions for Image Restoration with Neural
 Networks* (IEEE TCI 3(1), 2017), for squared or absolute error beside SSIM.

@@ -173,7 +173,7 @@ def normalize_background(background: Any) -> Any:
 
 
 def check_background(settings: dict[str, Any]) -> None:
-    """Raise `ValueError` unless the setting `background` is valid and agrees with the others.
+    """Raise `ValueError` unless the setting `background` is valid and agrees with `family`.
 
     It must be a name in `names.FitBackground`, or a list of three numbers in 0..1. For a mesh only
     the default `"mean"` is allowed.

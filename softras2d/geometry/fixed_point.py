@@ -1,4 +1,4 @@
-"""Vertices on a fixed-point grid, and edge functions that are exact in 32-bit integers.
+"""The grids of vertices and samples, and edge functions that are exact in 32-bit integers.
 
 A coordinate v in pixels is snapped to the integer n = round(v 2^k). The number k of fractional
 bits, `Grid.bits`, depends on the size of the canvas and not on the number of samples. Every

@@ -2,7 +2,7 @@
 
 The boundary term is the part of this change that comes from edges, and from lines where triangles
 interpenetrate, as they move over the samples. The interior term comes from the colours inside
-triangles, which move with the vertices.
+triangles, which move with the vertices (`interior_term`).
 
 `boundary_term` adds up all crossings. In an opaque scene, `color_jumps` compares the triangles that
 are visible on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in

@@ -205,6 +205,7 @@ def _signed_edge_length(
     """Length of edge, in pixels, that each crossing stands for, times the sign `outwards`.
 
     The length is measured perpendicular to the lines of samples, and equals the sample spacing.
-    `outwards` is as in `Crossings`: 1 if the outside lies at greater x or y than the edge, else -1.
+    There is one value for each run, the same for all its crossings. `outwards` is as in
+    `Crossings`: 1 if the outside lies at greater x or y than the edge, else -1.
     """
     return (outwards / tiling.grid.rate)[None, None]

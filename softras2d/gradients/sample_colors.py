@@ -86,10 +86,11 @@ class SampleColors(eqx.Module):
 class SurfaceColors(SampleColors):
     """The colours of the scene's triangles, shaded from a `Surface`.
 
-    They are premultiplied, except if `is_flat`: then they are as in `surface.corners`, where the
-    scene's colours have straight alpha.
+    They are premultiplied. If each triangle has one colour (`is_flat`), they are read unchanged
+    from `surface.corners`, which must be premultiplied already.
 
-    - `background`: the colour where no triangle is visible, with as many channels as the triangles.
+    - `background`: the premultiplied colour where no triangle is visible, with as many channels as
+      the triangles.
     - `surface`: the data of the triangles from which they are shaded.
     """
 
@@ -106,8 +107,7 @@ class SurfaceColors(SampleColors):
     ) -> Float[Array, "channels lines runs"]:
         """Shade the triangle at the sample, whether it covers the sample or not.
 
-        Where `triangle` is -1, the result is the background. Colours are premultiplied unless
-        `is_flat`.
+        Where `triangle` is -1, the result is the background.
         """
         flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)

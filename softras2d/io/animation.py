@@ -74,8 +74,8 @@ def write_animation(
 def _hundredths(name: str, seconds: float, least: int) -> int:
     """Round seconds to whole hundredths of a second.
 
-    Raises `ValueError`, which calls the argument `name`, for less than `least` hundredths and for
-    more than `gif.MAX_DELAY` hundredths.
+    Raises `ValueError`, whose message names the argument as `name`, if `seconds` is NaN, less than
+    `least` hundredths or more than `gif.MAX_DELAY` hundredths.
     """
     # Written so that NaN is refused too.
     if not least / 100 <= seconds <= gif.MAX_DELAY / 100:

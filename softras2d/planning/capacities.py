@@ -41,7 +41,7 @@ class Capacity(NamedTuple):
       of all blocks are added.
     - `fragments`: pairs of a triangle and a pixel that shows it, for opaque scenes whose colours
       are evaluated point by point.
-    - `runs`: runs of crossings (`gradients.crossings`), for derivatives with respect to positions.
+    - `runs`: runs of crossings (`gradients.runs`), for derivatives with respect to positions.
       A crossing is a point where an edge passes between two neighbouring samples, and a run is up
       to `LINES` crossings of one edge.
     """

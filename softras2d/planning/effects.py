@@ -4,6 +4,9 @@ An effect is a feature of a scene or of the options that costs time, such as tex
 translucency. A scene pays only for the effects that it calls for. Whether it calls for an effect
 mostly follows from the shapes of its arrays and from the arrays that it leaves out. So the compiled
 program of a scene without an effect does not contain the effect.
+
+The rows serve plans, reports and `simplify`. The stages that draw an effect look for themselves at
+the same arrays, such as `scene.depth`.
 """
 
 from collections.abc import Callable

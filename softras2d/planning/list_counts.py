@@ -41,7 +41,7 @@ class Counts(NamedTuple):
     - `list_lengths`: number of triangles listed for each tile, without hidden pairs. The lengths
       are sorted, longest first, so that their order says nothing about the tiles.
     - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
-    - `runs`: number of runs of crossings (`gradients.crossings`); None if no render of the
+    - `runs`: number of runs of crossings (`gradients.runs`); None if no render of the
       scene uses a list of them.
     """
 

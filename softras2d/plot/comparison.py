@@ -24,7 +24,8 @@ def difference(
     """Show `image - reference` per pixel: red where `image` is brighter, blue where it is darker.
 
     - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
-      1, 3 or 4 channels. With alpha, premultiplied colours are compared.
+      1, 3 or 4 channels. Four channels are RGBA with straight alpha; colours are premultiplied
+      before they are compared, and alpha counts as a channel.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `limit`: difference that gets the strongest colour, above 0, where 1 is the full range of an
       image; by default the largest absolute difference.
@@ -32,8 +33,8 @@ def difference(
 
     The difference of a pixel is the mean over its channels. Differences of opposite signs in two
     channels therefore cancel; `error` shows them. Returns the axes. Raises `ValueError`, with a
-    message of one line, for images of other or unequal shapes, NaN and infinity, and a `limit` that
-    is not positive.
+    message of one line, for images of other types, of other or unequal shapes, with NaN or
+    infinity, and for a `limit` that is not positive.
     """
     values = _difference(image, reference).mean(axis=-1)
     limit = _limit(limit, values)
@@ -52,7 +53,8 @@ def error(
     """Show the root-mean-square difference of two images over the channels of each pixel.
 
     - `image`, `reference`: float images `[height, width, channels]` of one shape, in sRGB, 0..1, of
-      1, 3 or 4 channels. With alpha, premultiplied colours are compared.
+      1, 3 or 4 channels. Four channels are RGBA with straight alpha; colours are premultiplied
+      before they are compared, and alpha counts as a channel.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `limit`: error that gets the last colour of the scale, above 0, where 1 is the full range of
       an image; by default the largest error.

@@ -92,7 +92,7 @@ def _total_runs(
     *,
     tiling: Tiling,
 ) -> Int[Array, ""]:
-    """Number of runs of crossings (`gradients.crossings`), summed over all edges.
+    """Number of runs of crossings (`gradients.runs`), summed over all edges.
 
     It is clamped to 2^30. A run is up to 8 successive crossings of an edge with lines of samples.
     The arguments are `CrossedEdges.first` and `.count`, and `Sides.steep`.
@@ -129,9 +129,10 @@ def listed_words(
 ) -> tuple[UInt32[Array, "pairs rows"], UInt32[Array, "pairs rows"]]:
     """Coverage words of each listed pair of a triangle and a tile, before and after the depth test.
 
-    There is one word for each row of samples of the tile. Its bit i is set if the triangle covers
-    sample i of the row and, in the second result, also passes the depth test there. If the scene
-    has no depth, or `binned` no steps, the two results are the same.
+    There is one word for each row of samples of the tile, in `coverage.sampled.row_order`. Its bit
+    i is set if the triangle covers sample i of the row and, in the second result, also passes the
+    depth test there. Without depth the two results are the same. Words of unused entries of
+    `binned.lists` have no meaning.
     """
     projected, lists, steps, _ = binned
     edges, boxes, tiling = projected.edges, projected.bounds, plan.tiling

@@ -306,9 +306,13 @@ def _choose_point(
 ) -> Points:
     """Select the centre of each pixel where `is_central`, else the centroid of its covered samples.
 
+    The result is in samples of the tile, as sums and a count (`Points`).
+
+    - `is_central`: as returned by `_is_central`, which is true where `count` is 0.
     - `column`, `row`: the pixel, within its tile, in pixels.
     - `count`: number of covered samples of the pixel.
-    - `across`, `down`: sums of these samples' columns and rows within the pixel.
+    - `across`, `down`: the sum of the columns of the covered samples, and the sum of their rows,
+      both counted within the pixel.
     - `rate`: number of samples along a side of a pixel.
     """
     centre = _centre(column, row, rate)

@@ -152,7 +152,8 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     start = jnp.floor(position + filter.shift)
     if not lookup.is_periodic:
         # A point on the last texel is mixed in the interval before it, which gives its gradient.
-        highest = last.astype(uv.dtype) - (1.0 if filter.taps > 1 else 0.0)
+        mixes_intervals = filter.taps > 1 and filter.shift == 0
+        highest = last.astype(uv.dtype) - (1.0 if mixes_intervals else 0.0)
         start = jnp.clip(start, 0.0, jnp.maximum(highest, 0.0))
     texel = start.astype(jnp.int32)
     offsets = range(filter.first, filter.first + filter.taps)
@@ -171,9 +172,8 @@ def _neighbor(
     one, so that its period is one texel less.
     """
     neighbor = texel + offset
-    # `texel` is -1..last if periodic, else 0..last - 1, or 0..last for a single tap. A small
-    # texture wraps more than once.
-    below, above = (1 - offset, offset) if lookup.is_periodic else (-offset, offset - 1)
+    # `texel` is -1..last if periodic, else 0..last. A small texture wraps more than once.
+    below, above = (1 - offset, offset) if lookup.is_periodic else (-offset, offset)
     if lookup.border == "repeat":
         period = last + 1 if lookup.is_periodic else jnp.maximum(last, 1)
         # Whole periods at a time: XLA does not vectorise an integer remainder.
@@ -192,10 +192,13 @@ def _texel_position(uv: Array, size: Array, lookup: Lookup) -> Float[Array, "2 *
     """Convert texture coordinates to positions along each axis, where texel i lies at i.
 
     `size` is the number of texels along each axis. If the texture repeats, coordinates are first
-    reduced to 0..1; otherwise the positions may lie beyond the border.
+    reduced to 0 <= uv < 1; otherwise the positions may lie beyond the border.
     """
     if lookup.border == "repeat":
         uv = uv - jnp.floor(uv)
+        # Just below an integer the difference rounds to 1, which is a texel too far. It becomes the
+        # greatest float below 1, by a difference, so that its gradient is that of the others.
+        uv = uv - jnp.where(uv < 1, 0.0, jnp.finfo(uv.dtype).epsneg).astype(uv.dtype)
     if lookup.addressing == "corners":
         return uv * (size - 1).astype(uv.dtype)
     return uv * size.astype(uv.dtype) - 0.5

@@ -49,10 +49,10 @@ class PlanCompiler:
             self._plans.popitem(last=False)
 
     def take(self, kind: Hashable) -> Plan | None:
-        """Wait for the plan of a kind of views, and return it.
+        """Wait until the plan of a kind of views is made and compiled, and return it.
 
-        `kind` is a result of `plans.kind_of`. Returns None if the plan was not requested, or if it
-        cannot be made.
+        `kind` is a result of `plans.kind_of`. The plan stays stored. Returns None if the plan was
+        not requested, was dropped (`start`), or cannot be made.
         """
         plan = self._plans.get(kind)
         return None if plan is None or plan.exception() is not None else plan.result()

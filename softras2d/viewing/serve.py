@@ -31,7 +31,8 @@ _SEND_SECONDS = 0.2
 class ViewerServer:
     """A running server of the viewer, which `close` ends. It is also a context manager.
 
-    Ending the server closes the session too. Raises `OSError` if the port is in use.
+    It answers the pages from `session`, which is closed with the server. Raises `OSError` if the
+    port is in use.
 
     - `port`: the port of 127.0.0.1; if the argument is 0, a free port is chosen.
     - `url`: the address of the page, with a secret token.

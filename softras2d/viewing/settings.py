@@ -21,7 +21,8 @@ class Settings:
       `"soft"` is `Soft` with `soft_width`, in pixels; `"area"` is `Area`.
     - `pixel_filter`, `level_filter`, `anisotropy`, `lod_bias`: as in `Filter`.
 
-    Raises `ValueError` for values that the options do not accept.
+    Raises `ValueError` for values that the options do not accept, and beyond `SOFT_WIDTHS` and
+    `LOD_BIASES`, whatever `coverage` is.
     """
 
     coverage: CoverageKind = "sampled"

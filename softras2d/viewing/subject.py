@@ -76,9 +76,10 @@ class Subject(abc.ABC):
         return ()
 
     def watch(self, is_watched: bool) -> None:  # noqa: B027
-        """Called when pages open, close or switch subjects.
+        """Learn whether any page shows this subject now.
 
-        `is_watched` says whether any page shows this subject now.
+        The server calls it at each request for a page's own picture, and when a page closes, so
+        that `is_watched` is often the same as before.
         """
 
     def fit_state(self) -> FitState | None:

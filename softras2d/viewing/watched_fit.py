@@ -14,10 +14,11 @@ from .subject import FitState
 
 
 class WatchedFit(SceneInMemory):
-    """A subject that shows the best scene of a fit so far, while the fit runs.
+    """A subject that shows a fit while it runs: the scene of its last report that is to be drawn.
 
-    The thread of the fit calls `add` and `finish`. Another thread answers the pages: it reads the
-    progress with `fit_state`, and the scene to draw with `scene_at`.
+    It is empty before the first report, and changes only once the last scene shown has been drawn.
+    The thread of the fit calls `add` and `finish`. Other threads answer the pages: they call
+    `watch`, read the progress with `fit_state`, and get the scene to draw from `scene_at`.
     """
 
     may_change = True

@@ -81,6 +81,26 @@ def test_texels_equal_the_oracle(sampler, channels):
     np.testing.assert_allclose(np.asarray(texels)[certain], expected[certain], atol=1e-5)
 
 
+@pytest.mark.parametrize("size", (1, 3, 4))
+def test_coordinates_just_below_an_integer_read_the_last_texel(size):
+    """The fractional part of such a coordinate rounds to 1, which must not lead out of the image."""
+    column = np.random.default_rng(size).random((size, 1, 3)).astype(np.float32)
+    pyramid = sr.TexturePyramid.build([column], border="repeat")
+    below = np.array([-1e-30, -1e-9, -3e-8, np.nextafter(np.float32(1), 0)], np.float32)
+    uv = np.stack([np.full(4, 0.5), below], -1).astype(np.float32)
+    footprint = np.zeros((4, 2, 2), np.float32)
+
+    def read(pixel: Any, uv: Any) -> Any:
+        return sample_texture(pyramid, uv, footprint, sr.Filter(pixel=pixel, level="zero"))
+
+    np.testing.assert_array_equal(read("nearest", uv), np.tile(column[-1], (4, 1)))
+    between = (column[0] + column[-1]) / 2
+    np.testing.assert_allclose(read("bilinear", uv), np.tile(between, (4, 1)), atol=1e-6)
+    slope = jax.jvp(lambda v: read("bilinear", v), (uv,), (np.float32([[0, 1]] * 4),))[1]
+    wanted = np.tile(size * (column[0] - column[-1]), (4, 1))
+    np.testing.assert_allclose(slope, wanted, atol=1e-5)
+
+
 def test_leading_axes_one_index_and_defaults():
     textures = build(Sampler(), 3)
     uv = np.random.default_rng(0).random((4, 5, 2)).astype(np.float32)

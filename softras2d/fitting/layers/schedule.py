@@ -78,8 +78,9 @@ def triangles_to_exchange(share: float, total: int) -> int:
 def learning_rate(share: float) -> float:
     """Learning rate at a share of the fit, for a solver whose learning rate can be set.
 
-    `share`: share of the fit that is done, 0..1. The learning rate is `_LEARNING_RATE` at first,
-    and falls linearly during the last `_RATE_FALL`, but not below `_FINAL_RATE_FACTOR` of it.
+    `share`: share of the fit that is done, 0..1. The learning rate is `_LEARNING_RATE` up to the
+    share `1 - _RATE_FALL`, and then falls linearly towards 0 at share 1, but not below
+    `_FINAL_RATE_FACTOR * _LEARNING_RATE`.
     """
     return _LEARNING_RATE * max(_FINAL_RATE_FACTOR, min(1.0, (1 - share) / _RATE_FALL))
 

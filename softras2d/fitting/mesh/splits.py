@@ -156,10 +156,10 @@ def _edge_point(fraction: float, corner: int) -> SplitPoints:
 
 
 def _center_of_error(evaluation: Evaluation) -> SplitPoints:
-    """Mean of the pixel centres in each triangle, weighted by their squared error, as split points.
+    """Mean of the pixel centres in each triangle, weighted by their error, as split points.
 
-    The result has the barycentric weights of each mean. In a triangle without error, the point is
-    the centroid.
+    The error is squared and weighted (`Evaluation.error`). The result has the barycentric weights
+    of each mean. In a triangle without error, the point is the centroid.
     """
     pairs = evaluation.pairs
     sums = pairs.sum_by_triangle(evaluation.error * pairs.weights)
@@ -168,10 +168,10 @@ def _center_of_error(evaluation: Evaluation) -> SplitPoints:
 
 
 def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
-    """The pixel centre with the largest squared error in each triangle, as split points.
+    """The pixel centre with the largest error in each triangle, as split points.
 
-    The result has the barycentric weights of each pixel centre. In a triangle without pixels, the
-    point is the centroid.
+    The error is squared and weighted (`Evaluation.error`). The result has the barycentric weights
+    of each pixel centre. In a triangle without pixels, the point is the centroid.
     """
     pairs, error = evaluation.pairs, evaluation.error
     has_pixels = pairs.pixel_counts > 0

@@ -192,7 +192,10 @@ def greedy_disjoint(
 
 
 def is_bound(mesh: Mesh) -> Bool[np.ndarray, "vertices 2"]:
-    """Whether each coordinate, x and y, of each vertex is fixed by a border on which it lies."""
+    """Whether each coordinate, x and y, of each vertex is fixed by a side of the canvas.
+
+    It is the opposite of `free_x` and `free_y`.
+    """
     return ~np.stack([mesh.free_x, mesh.free_y], 1)
 
 
