@@ -83,7 +83,7 @@ def test_texels_equal_the_oracle(sampler, channels):
 
 @pytest.mark.parametrize("size", (1, 3, 4))
 def test_coordinates_just_below_an_integer_read_the_last_texel(size):
-    """The fractional part of such a coordinate rounds to 1, which must not lead out of the image."""
+    """The fractional part of such a coordinate rounds to 1, a texel past the end of the image."""
     column = np.random.default_rng(size).random((size, 1, 3)).astype(np.float32)
     pyramid = sr.TexturePyramid.build([column], border="repeat")
     below = np.array([-1e-30, -1e-9, -3e-8, np.nextafter(np.float32(1), 0)], np.float32)
