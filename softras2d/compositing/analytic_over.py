@@ -35,7 +35,8 @@ from .chunks_as_layers import (
 )
 
 Opacities = Float[Array, "chunks slots pixels"]
-"""One number for each slot at each pixel of its tile, such as its opacity: coverage times alpha."""
+"""One number for each slot at each pixel of its tile, such as its opacity: coverage times alpha.
+The pixels of a tile are listed row by row."""
 
 Colors = Float[Array, "chunks slots 3 #pixels"]
 """Straight RGB of each slot, at each pixel of its tile or, with one pixel, the same at all."""

@@ -27,7 +27,7 @@ ChunkPixels = Float[Array, "chunks pixels"]
 """One number for each chunk, such as its alpha, at each pixel of its tile."""
 
 TilePixels = Float[Array, "tiles pixels"]
-"""One number for each pixel of each tile."""
+"""One number for each pixel of each tile; the pixels of a tile are listed row by row."""
 
 TileColors = Float[Array, "4 tiles pixels"]
 """Premultiplied RGBA of each pixel of each tile, or its tangent or cotangent."""

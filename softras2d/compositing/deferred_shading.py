@@ -39,8 +39,9 @@ def sum_shaded(
 
     - `fragments`: the visible fragments. Each is a pair of a triangle and a pixel that shows it.
     - `covered`: coverage words of the samples that each slot covers, visible or not. They are used
-      only if `shading` is `"pixel"`: a triangle is then shaded at the pixel's centre or at the
-      centroid of those samples of the pixel that it covers (`fragments.shading_points`).
+      only if `shading` is `"pixel"`: a triangle is then shaded at the pixel's centre if it contains
+      the centre, else at the centroid of those samples of the pixel that it covers
+      (`fragments.shading_points`).
     - `shading`: as in `Hard.shading`. `"sample"` shades each sample; `"pixel"` uses one colour of a
       fragment for all of its samples.
     """

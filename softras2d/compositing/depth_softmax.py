@@ -39,10 +39,10 @@ def mix(
     The straight colour is the mean of the triangles' colours, weighted with opacity times
     exp(-depth / temperature). Alpha is 1 minus the product of 1 - opacity. Where no triangle has an
     opacity above 0, all four channels are 0. Differentiable with respect to `opacity`, `colors`,
-    `depth` and `temperature`.
+    `depth` and `temperature`; the mean's derivative with respect to an opacity of 0 is 0.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
-    - `colors`: straight RGB.
+    - `colors`: straight RGB; a single pixel if each slot has one colour.
     - `depth`: greater is farther away, in any unit.
     - `temperature`: in the unit of depth, positive. Triangles whose depths differ by much less are
       mixed; of those that differ by much more, only the nearest counts.

@@ -1,4 +1,6 @@
-"""Composite triangles whose colours are interpolated between their corners, as in `analytic_over`.
+"""Composite triangles with analytic coverage whose colours are interpolated between their corners.
+
+The result is that of `analytic_over` for the interpolated colours.
 
 The colours at all pixels of all slots take far more memory than the colours of the corners, and
 writing and reading them takes longer than interpolating them. So they are never stored: the

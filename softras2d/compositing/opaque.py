@@ -333,7 +333,7 @@ def to_image(
     - `covered`: for each chunk, coverage words of the samples that it or a chunk before it in its
       tile covers.
     - `background`: the colour of the samples that no triangle covers, with as many channels as
-      `sums`; premultiplied if it has alpha.
+      `sums`; premultiplied, like the image, if it has alpha.
     """
     uncovered = sample_sums(uncovered_words(covered, chunks), tiling, moments=False)
     return _average(sums, uncovered.count, background, tiling)

@@ -5,9 +5,9 @@ colour and leaves a transmittance of T (1 - a). Tiles are grouped into blocks. F
 turn, the entries of the lists of all its tiles are visited from front to back, so that the
 transmittances of the block stay in cache (`sample_blocks`).
 
-This file handles triangles with one colour, and those that interpolate colours of their corners. A
-layer then needs one or three sums over the samples of each pixel. Colours that vary otherwise, such
-as textures, are composited in `over_shaded`.
+This file handles triangles with one colour, and those that interpolate colours of their corners
+linearly on the screen. A layer then needs one or three sums over the samples of each pixel. Colours
+that vary otherwise, as with textures or in perspective, are composited in `over_shaded`.
 
 In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
 the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).
@@ -44,8 +44,8 @@ def composite(
     """Composite translucent triangles at every sample, and sum premultiplied RGBA per pixel.
 
     The triangles are those in the lists of the tiles. The background is not included; `to_image`
-    adds it and makes the image. Differentiable with respect to the colours of `surface`, which have
-    straight alpha. No list may have more than `max_list_length` entries.
+    adds it and makes the image. Differentiable with respect to the colours of `surface` alone. They
+    have straight alpha. No list may have more than `max_list_length` entries.
 
     - `surface`, `pairs`: the triangles, and the entries of the tile lists with their samples.
     - `steps`: the tiles in blocks, with the position of their lists in `pairs`.
@@ -201,7 +201,8 @@ def to_image(
     """Average the samples of each pixel, crop to the canvas, and composite over the background.
 
     - `sums`: premultiplied RGBA, summed over the samples of each pixel, as from `composite`.
-    - `background`: RGB, or premultiplied RGBA; the image has as many channels.
+    - `background`: RGB, or premultiplied RGBA; the image has as many channels, and is premultiplied
+      if it has alpha.
     """
     split = sums.reshape(tiling.rows, tiling.columns, 4, tiling.width, tiling.height)
     image = split.transpose(0, 4, 1, 3, 2).reshape((*tiling.padded_shape, 4))

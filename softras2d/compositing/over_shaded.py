@@ -1,7 +1,8 @@
 """Composite translucent triangles whose colours must be shaded, such as those with textures.
 
-As in `over`, but the colours of each layer are evaluated at every sample, or once for each pixel.
-One scan goes through the steps of all blocks of tiles, one block after another
+Colours that corners interpolate are shaded too, if they are in perspective or evaluated once per
+pixel. The method is that of `over`, but the colours of each layer are evaluated at every sample, or
+once for each pixel. One scan goes through the steps of all blocks of tiles, one block after another
 (`binning.lists.Steps`). Its number of steps is fixed, as reverse-mode differentiation requires. For
 the backward pass, autodiff stores the transmittances and colours of every step.
 

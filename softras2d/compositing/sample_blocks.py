@@ -43,7 +43,8 @@ class Layer(NamedTuple):
     - `triangle`: the triangle of the entry.
     - `words`: coverage words of the samples to composite; 0 where a tile's list has ended.
     - `line_colors`: RGBA of the triangle's corners, with straight alpha, repeated for each line.
-    - `weights`: weights of corners 1 and 2 at each sample; None if triangles have one colour.
+    - `weights`: weights on the screen of corners 1 and 2 at each sample; None if triangles have one
+      colour.
     """
 
     pair: Int[Array, " block"]

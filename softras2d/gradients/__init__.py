@@ -5,8 +5,8 @@ interpenetrate, as they move over the samples. The interior term comes from the 
 triangles, which move with the vertices (`interior_term`).
 
 `boundary_term` adds up all crossings. In an opaque scene, `color_jumps` compares the triangles that
-are visible on both sides of the edge. In a translucent scene, `edge_gains` visits the layers in
-front of the edge's triangle and those behind it.
+are visible on both sides of the edge. In a translucent scene, `edge_gains` computes the colour that
+the edge's triangle adds between the layers in front of it and those behind it.
 
 Terms in this folder:
 
@@ -15,6 +15,8 @@ Terms in this folder:
   the edge belongs.
 - *Sample inside*, *sample outside*: the two neighbouring samples of the line between which the edge
   passes. The sample inside is on the side on which the edge's triangle lies.
+- *Side k* of a triangle: its edge from corner k to the next, where corners 1 and 2 are exchanged in
+  triangles of negative area. Edges are numbered 3 triangle + side.
 - *Run*: up to eight successive lines that one edge crosses (`runs.Runs`). Arrays `[lines,
   runs]` have one entry for each line of each run.
 - *Layer* of a sample: a triangle that covers the sample and passes the depth test there.

@@ -9,7 +9,8 @@ fast as the edge sweeps over the pixel. The integral along the edge is evaluated
 as a sum over the crossings of edges with lines of samples (`crossings`). Each crossing stands for
 the length of edge between two lines. The speed of a crossing along its line is exact. The jump of
 colour at a crossing is the colour of the edge's triangle on the edge, minus the colour beyond the
-edge, taken at the sample outside (`color_jumps`, which also says which crossings count).
+edge, taken at the sample outside (`color_jumps`, which also says which crossings count). Images and
+colours that have alpha are premultiplied.
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 
@@ -107,7 +108,8 @@ def with_boundary_term(
     """Return `image` unchanged, with the boundary term added to its derivative.
 
     The boundary term is the derivative with respect to `positions` and `depth` that is due to
-    moving edges and lines of interpenetration (see the top of this file).
+    moving edges and lines of interpenetration (see the top of this file). `crossed_edges` and
+    `samples` get no derivative.
 
     Second derivatives lack the boundary term altogether, because its rule takes all inputs as
     constants. They also lack that part of the Hessian of a squared loss which is a product of first

@@ -85,8 +85,10 @@ class EdgeDepths(NamedTuple):
 
     The edge's triangle is the triangle to which the edge belongs.
 
-    - `on_edge`: depth of the edge's triangle at the crossing.
+    - `on_edge`: depth of the edge's triangle at the crossing. It decides where this triangle is
+      not visible at the sample inside.
     - `continued`: depth of the edge's triangle at the sample outside, where its plane is continued.
+      It decides elsewhere.
     - `visible_outside`: depth, at the sample outside, of the triangle that is visible there; it has
       no meaning where the background is visible.
     """

@@ -2,7 +2,8 @@
 
 On each line of samples that an edge crosses (`runs`), the edge passes between two samples, of which
 one is inside the edge, on the side of its triangle, and one is outside. Which two samples these are
-is decided by the same integers that decide coverage.
+is decided by the same integers that decide coverage: a sample exactly on the edge is inside or
+outside as the fill rule says.
 """
 
 import functools
@@ -30,7 +31,7 @@ class Crossings(NamedTuple):
 
     Arrays `[lines, runs]` have one entry for each line of each run.
 
-    - `edge`: the edge of each run, as 3 triangle + side.
+    - `edge`: the edge of each run, as 3 triangle + side. Side k runs from corner k to the next.
     - `valid`: whether there is a crossing on the canvas. Where there is none, the samples, `gap`
       and `t` have no meaning.
     - `inside`, `outside`: the two neighbouring samples that the edge passes between, on the inside
@@ -60,8 +61,8 @@ class _Lines(NamedTuple):
 
     - `valid`: whether the line is one of the run's and the crossing is on the canvas.
     - `line`: number of the line on the canvas; 0 where not `valid`.
-    - `before`: number, on its line, of the last sample before the crossing; -1 if the crossing lies
-      before the first sample; 0 where not `valid`.
+    - `before`: number, on its line, of the last sample before the crossing, in the order of
+      increasing x or y; -1 if the crossing lies before the first sample; 0 where not `valid`.
     - `t`: position of the crossing along the edge, 0..1.
     """
 
@@ -207,8 +208,8 @@ def _on_canvas(
 def _pixel_of(run: Run, lines: _Lines, grid: Grid) -> Int[Array, "lines runs"]:
     """Index of the pixel of each crossing, row by row; one past the last if it is not valid.
 
-    If the two samples beside the crossing are in different pixels, the border between the pixels is
-    half way between the samples.
+    It is the pixel of the nearer of the two samples beside the crossing: where these are in
+    different pixels, the border between the pixels is half way between the samples.
     """
     by_line = run.by_line()
     valid, line, before, _ = lines

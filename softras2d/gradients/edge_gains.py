@@ -48,10 +48,10 @@ class EdgeLayer(NamedTuple):
     """The triangle to which the edge of each run belongs, as a layer at the run's crossings.
 
     - `triangle`: index of the triangle.
-    - `color`: premultiplied RGBA on the edge. It is not taken at the samples beside the edge, where
+    - `color`: premultiplied RGBA on the edge (`SampleColors.on_edge`). At the samples beside it,
       the colour of a triangle thinner than the sample spacing would be extrapolated.
-    - `depth_inside`, `depth_outside`: depth of the triangle at the samples inside and outside; None
-      without depth.
+    - `depth_inside`, `depth_outside`: depth of the triangle at the samples inside and outside, or
+      on the edge if the triangle does not cover the sample inside; None without depth.
     """
 
     triangle: Int[Array, " runs"]
@@ -64,8 +64,8 @@ class EdgeGain(NamedTuple):
     """The colour that the edge's triangle would add at the sample outside, for each crossing.
 
     - `gain`: change of the premultiplied colour of the sample outside if the edge's triangle
-      covered it too, dimmed by the layers in front. It is 0 where the triangle would fail the depth
-      test.
+      covered it too, dimmed by the smaller of the transmittances in front at the two samples. It is
+      0 where the triangle would fail the depth test at the sample outside.
     - `covers_inside`, `covers_outside`: whether the triangle covers the sample inside or outside,
       and passes the depth test there.
     """
@@ -90,8 +90,8 @@ class _State(NamedTuple):
     - `in_front_outside`: transmittance of the layers in front that cover the sample outside alone.
     - `in_front_inside`: transmittance of the layers in front that cover the sample inside alone,
       and are in the list of the same tile. It is None if `layers_inside` computes it.
-    - `hidden`: whether a triangle drawn earlier lies nearer, so that the edge's triangle fails the
-      depth test.
+    - `hidden`: whether a layer of the sample outside that is drawn earlier lies nearer, so that the
+      edge's triangle fails the depth test there.
     - `behind`: layers that remain visible behind the edge's triangle.
     - `if_absent`: layers that would be visible without the edge's triangle, except those in front
       of it. It is None without depth, where it would equal `behind`.

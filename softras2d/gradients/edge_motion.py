@@ -17,7 +17,7 @@ from .runs import Sides
 class Jumps(NamedTuple):
     """What the image gains as edges move, at the crossings of a list of runs (`runs.Runs`).
 
-    - `edge`: the edge of each run, as 3 triangle + side.
+    - `edge`: the edge of each run, as 3 triangle + side. Side k runs from corner k to the next.
     - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
     - `pixel`: index of the crossing's pixel, row by row; one past the last if it has none.
     - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,

@@ -35,9 +35,10 @@ def weight_gradients(
 ) -> Float[Array, "2 3 triangles"]:
     """Derivatives, per pixel, of the barycentric weights of all three corners of each triangle.
 
-    The first axis has the derivatives with respect to x and to y, the second has the corners. All
-    are 0 for triangles without area. The derivatives of the weights of corners 1 and 2 are clamped
-    to a change of 1 per sample spacing; those of corner 0 are minus the sum of these two. The clamp
+    The first axis has the derivatives with respect to x and to y, the second has the corners of the
+    reoriented triangle (corners 1 and 2 are exchanged where its area is negative). All are 0 for
+    triangles without area. The derivatives of the weights of corners 1 and 2 are clamped to a
+    change of 1 per sample spacing; those of corner 0 are minus the sum of these two. The clamp
     takes effect in triangles thinner than the spacing: a sample that such a triangle covers stands
     for more area than the triangle has.
 

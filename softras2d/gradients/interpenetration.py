@@ -66,8 +66,8 @@ class _Exchange(NamedTuple):
     """Pairs of samples between which two triangles exchange their order in depth, one per lane.
 
     - `before`, `after`: the triangles that lie in front at the first and at the second sample.
-    - `before_weights`, `after_weights`: weights of the corners of `before` and of `after`, at the
-      point of equal depth between the samples.
+    - `before_weights`, `after_weights`: weights on the screen of the corners of `before` and of
+      `after`, at the point of equal depth between the samples.
     - `gain`: change of the pixel's colour per unit by which the depth of `before` minus the depth
       of `after` increases; 0 in unused lanes.
     - `pixel`: index of the pixel, row by row; one past the last in unused lanes.
@@ -250,7 +250,7 @@ def _line_crossings(
 
     The line passes there if three conditions hold: both triangles of the pair cover both samples;
     the difference of their depths changes faster along the axis of the pair than along the other
-    axis; and their order in depth changes by more than a rounding (`_ROUNDING`).
+    axis (x wins a tie); and their order in depth changes by more than a rounding (`_ROUNDING`).
     """
     grid = tiling.grid
     before, after = pairs.before, jnp.maximum(pairs.after, 0)

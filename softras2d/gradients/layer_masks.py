@@ -1,9 +1,11 @@
 """Layer masks: for each sample of a translucent scene, which entries of its tile's list cover it.
 
 The bits of a coverage word (`coverage.sampled`) are samples, for one triangle. Transposed, the bits
-of a layer mask are triangles, for one sample: the entries of the tile's list, nearest first. A loop
-over the set bits of a mask visits only the layers of its sample. A mask has 32 bits, so masks are
-stored in planes: plane p has the masks for entries 32 p to 32 p + 31 of every list.
+of a layer mask are triangles, for one sample: the entries of the tile's list, the one drawn last
+first. A bit is set if the triangle is a layer of the sample: if it covers the sample and passes the
+depth test there. Of the layers of a sample, the one drawn last is nearest, so a loop over the set
+bits of a mask visits the layers of its sample alone, from the front. A mask has 32 bits, so masks
+are stored in planes: plane p has the masks for entries 32 p to 32 p + 31 of every list.
 """
 
 import functools
@@ -28,7 +30,8 @@ PLANE = 32
 class LayerMasks(NamedTuple):
     """Layer masks of every sample, in planes of 32 entries of the tile lists.
 
-    Bit b of a mask in plane p says whether entry 32 p + b of its tile's list covers the sample.
+    Bit b of a mask in plane p says whether entry 32 p + b of its tile's list is a layer of the
+    sample.
 
     - `masks`: `masks[p, c, r]` is the mask, in plane p, of the sample in column c of its tile.
       Sample rows r are numbered tile by tile, in the order of the coverage words within a tile
@@ -63,8 +66,8 @@ def layer_masks(
 ) -> LayerMasks:
     """Make the layer masks of all samples by transposing coverage words.
 
-    `words` has the coverage words of each entry of `lists`, a triangle in a tile. Only the first
-    `max_list_length` entries of each tile's list are sure to be included.
+    `words` has the coverage words, after the depth test, of each entry of `lists`, a triangle in a
+    tile. Only the first `max_list_length` entries of each tile's list are sure to be included.
     """
 
     def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:

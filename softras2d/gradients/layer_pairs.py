@@ -303,7 +303,8 @@ def _added_color(
 ) -> Float[Array, "channels lanes"]:
     """Colour of each sample with all its layers, minus its colour without one of them.
 
-    `triangle` is the triangle of this layer, one for each sample.
+    Both are premultiplied colours over the background. `triangle` is the triangle of this layer,
+    one for each sample.
     """
     background = samples.background
     where = locate_layers(masks, sample, tiling)

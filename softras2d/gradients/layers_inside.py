@@ -6,8 +6,8 @@ that cover the sample inside alone, except in scenes with flat colours and no de
 samples lie in different tiles, it misses all layers of the sample inside. Few crossings have such
 layers: these crossings are gathered and visited here.
 
-A layer that covers both samples has one transmittance, that at the sample outside, and is in front
-or not as at the sample outside. `edge_gains` takes both there, so that the gradient would otherwise
+If a layer covers both samples, its transmittance is taken at the sample outside, and so is whether
+it lies in front of the edge's triangle. `edge_gains` does the same: otherwise the gradient would
 depend on where the tiles lie.
 """
 
@@ -42,8 +42,8 @@ class InsideLanes(NamedTuple):
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
     - `position`: number of entries before the edge's triangle in the list of the sample outside.
     - `triangle`: the edge's triangle.
-    - `depth_inside`, `depth_outside`: depth of this triangle at the samples inside and outside;
-      None without depth.
+    - `depth_inside`, `depth_outside`: depth of this triangle, as in `edge_gains.EdgeLayer`; None
+      without depth.
     - `sample_inside`, `sample_outside`: the samples inside and outside.
     """
 

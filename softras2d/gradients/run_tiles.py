@@ -1,6 +1,6 @@
 """The tiles in which the samples outside the edge of a run lie: one or two.
 
-A run is a group of successive crossings of one edge. `crossings.LINES` says why two are enough.
+A run is a group of successive crossings of one edge. `runs.LINES` says why two are enough.
 """
 
 from typing import NamedTuple

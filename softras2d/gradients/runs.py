@@ -63,7 +63,8 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     for others, counted from 0. A line through the upper or left end of an edge is not counted, one
     through the other end is. The number is 0, and the first line has no meaning, for edges that
     cross no line, and for edges without a boundary term: those of triangles without area, and those
-    with a `GridTriangles.fixed_sign`. Works for NumPy and JAX alike.
+    whose line does not decide which samples are inside (`GridTriangles.fixed_sign` is not 0). Works
+    for NumPy and JAX alike.
     """
     xp = grid_triangles.x.__array_namespace__()
     steep = is_steep(grid_triangles)
@@ -170,7 +171,7 @@ class Run(NamedTuple):
 class Runs(NamedTuple):
     """A list of runs, each of up to `LINES` successive lines that one edge crosses.
 
-    - `edge`: the edge of each run, as 3 triangle + side.
+    - `edge`: the edge of each run, as 3 triangle + side. Side k runs from corner k to the next.
     - `rank`: number of the run among the runs of its edge, from 0; -1 in unused entries, which come
       last.
     """

@@ -1,8 +1,9 @@
 """Colours of triangles at samples and on edges, which the boundary term compares.
 
 `SampleColors` is the interface. `SurfaceColors` shades the triangles of the scene, and
-`LayerColors` converts any colours to premultiplied RGBA. `OpaqueSamples` is what the boundary term
-of an opaque scene takes.
+`LayerColors` converts any colours to premultiplied RGBA. `rendering.given_colors` implements the
+interface for colours that a caller gives. `OpaqueSamples` is what the boundary term of an opaque
+scene takes.
 """
 
 import abc
@@ -52,7 +53,10 @@ class SampleColors(eqx.Module):
 
     @abc.abstractmethod
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
-        """Colour of the edge's triangle at each crossing, which is a point on the edge."""
+        """Colour of the edge's triangle at each crossing, which is a point on the edge.
+
+        Where colours are known at samples alone, it is the colour at the sample inside.
+        """
 
     def of_runs(
         self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
@@ -75,6 +79,9 @@ class SampleColors(eqx.Module):
         self, shows_inside: Bool[Array, "lines runs"], shows_outside: Bool[Array, "lines runs"]
     ) -> Bool[Array, "lines runs"]:
         """Whether the colours on both sides of each crossing are known; true by default.
+
+        Colours that are given as one value for each sample are known only where a sample shows
+        them. A crossing with an unknown colour adds nothing to the boundary term.
 
         - `shows_inside`: whether the edge's triangle is visible at the sample inside.
         - `shows_outside`: whether what lies just outside the edge is also visible at the sample
@@ -127,7 +134,7 @@ class SurfaceColors(SampleColors):
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Shade the edge's triangle at each crossing, on its edge.
 
-        Colours are premultiplied unless `is_flat`.
+        If `is_flat`, colours are read unchanged from `surface.corners`.
         """
         flat = self.is_flat
         return color_on_edge(self.surface, crossings.edge, crossings.t, tiling, flat=flat)
@@ -160,7 +167,10 @@ class LayerColors(SampleColors):
 
     @classmethod
     def of_surface(cls, surface: Surface) -> "LayerColors":
-        """Make the colours of layers by shading the scene's triangles."""
+        """Make the colours of layers by shading the scene's triangles.
+
+        The colours of `surface` have straight alpha.
+        """
         color = surface.corners.color
         if surface.is_flat:
             # Premultiplied here once per triangle, rather than at each sample.
@@ -215,8 +225,8 @@ class OpaqueSamples(NamedTuple):
     """The visible triangles of an opaque scene at its samples, as the boundary term needs them.
 
     - `front`: which triangle is visible at each sample.
-    - `covered`: coverage words of the samples that each slot's triangle covers, whether it is
-      visible there or not.
+    - `covered`: coverage words of the samples that the triangle of each slot of `front` covers,
+      whether it is visible there or not.
     - `edges`: edge functions of all triangles.
     - `depths`: inputs of the depth test; None without one.
     - `colors`: colours of the triangles at samples and on edges.

@@ -67,7 +67,9 @@ class PairSearch(eqx.Module):
     A slot is a triangle in a tile, with one coverage word for each row of samples of the tile.
     Callers search blocks of slots, and pass the numbers of the slots of a block as `slot`. A
     candidate of a slot is a pair of neighbouring samples: the slot's triangle is visible at one of
-    them, and covers the other without being visible there (see the top of this file).
+    them, and covers the other without being visible there (see the top of this file). A search may
+    leave out a candidate whose pair it finds through the slot of the other triangle. At the border
+    of a tile it may include pairs of which the slot's triangle covers only one sample.
     """
 
     @property

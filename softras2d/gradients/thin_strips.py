@@ -64,9 +64,11 @@ def fill_strips(
     The triangle is -1 for the background. Where `is_strip` is false, the results are
     `triangle_outside` and `is_visible` as they were given. Where it is true, every other triangle
     in the list of the tile is tested at a point just outside the edge. The nearest one that covers
-    the point is the first result, and the edge is visible if its triangle lies in front of it.
+    the point is the first result. The edge is visible if the edge's triangle lies in front of that
+    one, or if no other triangle covers the point.
 
     - `triangle_outside`: the triangle that is visible at the sample outside.
+    - `is_visible`: whether the edge is visible, if no strip is taken into account.
     - `is_strip`: as returned by `ends_before_edge`.
     """
     depth_of_edge = None
@@ -146,7 +148,7 @@ def _covers_near(
 ) -> Bool[Array, "*samples"]:
     """Whether each triangle covers the point at an offset from its sample, up to rounding.
 
-    `offset` has the offset along x and along y, in samples, at most two.
+    `offset` has the offset along x and along y, each of at most two samples.
     """
     inside = jnp.ones(triangle.shape, bool)
     x, y = (entry.astype(jnp.float32) for entry in offset)
@@ -170,7 +172,8 @@ def _nearest_other(
     """Find the nearest triangle that covers each point, other than the edge's triangle.
 
     Returns this triangle, -1 where no other covers the point, and whether the edge's triangle lies
-    in front of it, which is true where there is none.
+    in front of it, which is true where there is none. Of equally deep triangles, the one that is
+    drawn later lies in front.
 
     - `edge_triangle`: the edge's triangle.
     - `sample`, `offset`: the point, as a sample and the offset from it along x and y, in samples.
