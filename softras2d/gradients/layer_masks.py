@@ -135,8 +135,8 @@ def _gather(
     plane: Int[Array, "*#samples"],
     mask_index: Int[Array, "*samples"],
 ) -> UInt32[Array, "*samples"]:
-    # Indexed by plane and mask index at once, because slicing out the plane first would copy it.
     """Gather masks by the number of a plane and by their indices in the flattened plane."""
+    # Indexed by plane and mask index at once, because slicing out the plane first would copy it.
     return masks.at[plane, mask_index].get(mode="promise_in_bounds")
 
 
