@@ -19,7 +19,7 @@ from .palette import quantized
 from .pixel_values import as_pixels, to_bytes
 
 ANIMATED = (".gif",)
-"""Suffixes that `write_animation` accepts."""
+"""Suffixes that `write_animation` accepts in either case, listed in lower case."""
 
 _MIN_DELAY = 2
 """Minimum time of a frame, in hundredths of a second.
@@ -40,7 +40,8 @@ def write_animation(
     - `frames`: float images in sRGB, clipped to 0..1. They may come from a generator; only two of
       them are in memory at a time.
     - `seconds_per_frame`: time of each frame, at least 0.02, rounded to 1/100 s.
-    - `hold_seconds`: additional time of the last frame, rounded to 1/100 s.
+    - `hold_seconds`: additional time of the last frame, rounded to 1/100 s, at least 0. The last
+      frame is shown for 655.35 s at most.
 
     Each frame has a palette of 256 colours. The palette is exact if the frame has no more colours;
     otherwise colours are reduced without dithering, so that wide smooth gradients show bands. Of

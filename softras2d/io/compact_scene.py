@@ -8,16 +8,17 @@ The file has three parts, with little-endian numbers:
   3); channels of a colour (3 or 4); channels of the background (3 or 4); and 1 if vertex indices
   are implied, because triangle k has the vertices 3k, 3k + 1 and 3k + 2;
 - a zlib stream of the positions, in steps; the vertex indices of the triangles, unless they are
-  implied; the colours, channel by channel; and the background. Colours are levels of 8 bits: level
-  k means k/255.
+  implied; the colours, channel by channel, where each channel is an array `[triangles, colours per
+  triangle]`; and the background. Colours are levels of 8 bits: level k means k/255.
 
 Positions and vertex indices are integers of 32 bits. The array of positions is stored with all x
 before all y, and the array of indices with all first corners before the second and third corners.
-Both arrays are stored as differences, which are small. With implied indices, the position of the
-first corner of a triangle is subtracted from the positions of the two other corners. Otherwise, the
-row before is subtracted from each row of the array. An integer n is stored as 2n if it is not
-negative, and as -2n - 1 if it is (zigzag code). Of each array, the lowest bytes of all integers are
-stored first, then all second, third and fourth bytes, because zlib compresses this order better.
+With implied indices, all x are sorted by corner in the same way, and so are all y. Both arrays are
+stored as differences, which are small. With implied indices, the position of the first corner of a
+triangle is subtracted from the positions of the two other corners. Otherwise, the row before is
+subtracted from each row of the array. An integer n is stored as 2n if it is not negative, and as
+-2n - 1 if it is (zigzag code). Of each array, the lowest bytes of all integers are stored first,
+then all second, third and fourth bytes, because zlib compresses this order better.
 """
 
 import os
@@ -75,8 +76,8 @@ def write_compact(
 
     Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
     Raises `ValueError`, one line, for a scene with textures, depth or perspective, for a batch of
-    scenes, for values that cannot be stored, for other arguments out of range, and for a folder
-    that does not exist.
+    scenes, for invalid values, for positions 2^30 steps or more from the origin, for other
+    arguments out of range, and for a folder that does not exist.
     """
     path = Path(path)
     check_writable_path(path)
@@ -101,7 +102,7 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
     """Read a file that `write_compact` wrote; returns the scene and the size of its canvas.
 
     Raises `ValueError`, one line, for a file that is missing, damaged, cut short or of another
-    format.
+    format, and for one of more than 2^24 vertices or triangles.
     """
     path = Path(path)
     if not path.is_file():

@@ -40,7 +40,7 @@ class Strip(NamedTuple):
 
     - `title`, `note`: two lines of text above the row.
     - `captions`: the text below each image, one for each.
-    - `images`: `[height, width, 3]` each, in 0..1.
+    - `images`: `[height, width, 3]` each, in 0..1, sRGB. Sizes may differ.
     """
 
     title: str
@@ -54,10 +54,11 @@ def contact_sheet(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Arrange strips on a light sheet, `across` strips side by side; returns its pixels, in 0..1.
 
-    A strip is a row of images with a title above it and captions below. Images keep their size in
-    pixels; all cells are as large as the largest image. OpenImageIO draws the text, with the font
-    in its wheels; a build of OpenImageIO without FreeType leaves the text out. Raises `ValueError`
-    if there is no image.
+    A strip is a row of images with a title above it and captions below. Strips fill the sheet row
+    by row. Images keep their size in pixels, and lie at the top left of their cells; all cells are
+    as high as the highest image and as wide as the widest. OpenImageIO draws the text, with the
+    font in its wheels; a build of OpenImageIO without FreeType leaves the text out. Raises
+    `ValueError` if there is no image.
     """
     images = [image for strip in strips for image in strip.images]
     if not images:

@@ -20,9 +20,10 @@ File systems allow 255 bytes for the complete name of a file.
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield the path of a draft beside `path`, which replaces `path` at the end of a `with` block.
 
-    The block must create the draft. If the block raises, the draft is removed and an old file at
-    `path` stays as it was. `OSError` becomes a `ValueError` of one line that names `path`; no
-    `ValueError` names the draft. Drafts of `path` left by processes that were killed are removed.
+    The block must create the draft, whose name has the suffix of `path`. If the block raises, the
+    draft is removed and an old file at `path` stays as it was. `OSError` becomes a `ValueError` of
+    one line that names `path`; no `ValueError` names the draft. Drafts of `path` left by processes
+    that were killed are removed.
     """
     _remove_abandoned(path)
     draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
@@ -43,9 +44,9 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 def _prefix(path: Path) -> str:
-    """Start of the names of all drafts of `path`; the draft's process and a random number follow.
+    """Start of the names of all drafts of `path`; it differs between machines that share a folder.
 
-    The prefix differs between machines that share a folder.
+    The id of the process that writes the draft, a random number and the suffix of `path` follow.
     """
     machine_and_name = f"{platform.node()}\0{path.name}".encode(errors="replace")
     stem = path.stem.encode(errors="replace")[:_MAX_STEM_BYTES].decode(errors="ignore")

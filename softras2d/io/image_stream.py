@@ -15,7 +15,10 @@ from .outputs import check_writable_path
 from .pixel_values import as_pixels
 
 STREAMABLE = (".png", ".exr", ".tif", ".tiff")
-"""Suffixes of files that can be written window by window."""
+"""Suffixes of files that can be written window by window, listed in lower case.
+
+Upper case is accepted too.
+"""
 
 _FILE_TILE = 512
 """Longest side of a tile in a tiled file, in pixels."""
@@ -36,12 +39,13 @@ class ImageStream:
     - `draft`: path of the file that is written. Its suffix chooses the format.
     - `path`: what errors call the file; a path with the same suffix.
     - `shape`: `(height, width, channels)` of the image.
-    - `tile`: side of a window in pixels. Windows at the right and lower borders may be smaller.
+    - `tile`: side of a window in pixels, a multiple of 16, which TIFF requires. Windows at the
+      right and lower borders may be smaller.
     - `linear`, `truncate`: as in `write_image`.
 
-    Windows must be written from left to right, and row by row from the top. TIFF and EXR files are
-    tiled, and store a window as soon as it is written. A PNG stores rows of pixels, so a row of
-    windows is collected first.
+    All windows must be written, row by row from the top, and each row from left to right. TIFF and
+    EXR files are tiled, and store a window as soon as it is written. A PNG stores rows of pixels,
+    so a row of windows is collected first.
 
     Use the stream in a `with` block: the file is complete at the end of a block that did not raise.
     Raises `ValueError`, one line, as `write_image` does.

@@ -265,10 +265,10 @@ def _check_png_chunks(path: Path, name: str) -> None:
 
 
 def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
-    """Select RGB, and A if there is one, from the channels of a file, by their names in upper case.
+    """Select RGB, and A if there is one, from the channels of a file.
 
-    Without channels R, G and B, the first three channels other than A are colours. If there are
-    fewer than three, the first is repeated.
+    `names` has the name of each channel, in upper case. Without channels R, G and B, the first
+    three channels other than A are colours. If there are fewer than three, the first is repeated.
     """
     not_alpha = [index for index, name in enumerate(names) if name != "A"] or [0]
     if {"R", "G", "B"} <= set(names):

@@ -7,7 +7,7 @@ and OpenImageIO.
 from pathlib import Path
 
 WRITABLE = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff")
-"""Suffixes that `write_image` accepts, in lower case."""
+"""Suffixes that `write_image` accepts in either case, listed in lower case."""
 
 
 def check_writable_path(path: Path) -> None:

@@ -9,8 +9,8 @@ from jaxtyping import Float32, UInt8
 def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width channels"]:
     """Check that an array is an image, and convert it to float32.
 
-    An image is `[height, width, 1, 3 or 4]` with finite floats. Raises `ValueError`, whose message
-    begins with `name`, for anything else.
+    An image is `[height, width, 1, 3 or 4]`, not empty, with floats of 16, 32 or 64 bits that are
+    finite in float32. Raises `ValueError`, whose message begins with `name`, for anything else.
     """
     if image.ndim != 3 or image.shape[-1] not in (1, 3, 4) or 0 in image.shape:
         raise ValueError(f"{name}: an image is [height, width, 1, 3 or 4]; got {image.shape}.")
