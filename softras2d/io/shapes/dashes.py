@@ -26,13 +26,14 @@ def dashes(
 
     Dashes are open chains, in the order of the chain. Their ends are not smooth.
 
-    - `points`: the chain.
+    - `points`: the chain, in any unit.
     - `smooth`: whether each point lies inside a flattened curve.
     - `closed`: whether a segment joins the last point to the first.
     - `pattern`: lengths of dashes and gaps in turn, in the units of `points`: an even number of
       lengths, with a positive sum.
-    - `offset`: distance from the start of the pattern at which the chain begins.
-    - `budget`: charged for the points of the dashes.
+    - `offset`: distance from the start of the pattern at which the chain begins; it may be
+      negative, since the pattern repeats in both directions.
+    - `budget`: charged in advance, with four points for each dash and for each gap.
 
     If a closed chain begins and ends within a dash, the two pieces are joined to one dash, which
     comes first. A chain of length zero is returned uncut, and so is one whose number of periods

@@ -18,7 +18,7 @@ from .overlaps import MAX_UNCOUNTED_EDGES, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
-"""Smallest cross product of the two edges at an ear, as in the course.
+"""Smallest cross product of the two edges at an ear, in square user units, as in the course.
 
 A corner with a smaller cross product is not an ear.
 """
@@ -40,13 +40,14 @@ def clip_ears(
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
     """Triangulate contours `[n, 2]`, float32, by clipping ears.
 
-    Returns three things: for each triangle, the index of its contour; for each triangle, the
-    indices of its three vertices in that contour; and the indices of the contours that are skipped,
-    which means that they are not triangulated. Skipped contours are simple ones, which do not cross
-    or touch themselves, of more than `MAX_CLIPPED` vertices, and all of more than
-    `MAX_CLIPPED_IF_CROSSING`.
+    Contours are closed, in either orientation, and in user units, as in the course. Returns three
+    things: for each triangle, the index of its contour; for each triangle, the indices of its three
+    vertices in that contour; and the indices of the contours that are skipped, which means that
+    they are not triangulated. Skipped contours are simple ones, which do not cross or touch
+    themselves, of more than `MAX_CLIPPED` vertices, and all of more than `MAX_CLIPPED_IF_CROSSING`.
 
-    Triangles of one contour are consecutive, in the order in which they are clipped. A contour of
+    Triangles of one contour are consecutive, in the order in which they are clipped. Their vertices
+    turn from the x axis towards the y axis, whatever the orientation of the contour. A contour of
     fewer than three points gives none. Raises `BudgetError`, with the index of the contour, if the
     work exceeds `budget`; None is a new budget with the usual limits.
 
@@ -117,8 +118,9 @@ def _clip(
 ) -> tuple[Int[np.ndarray, " ears"], Int[np.ndarray, "ears 3"]]:
     """Clip the ears of polygons that have `n` vertices each.
 
-    Returns, for each ear, the index of its polygon and the indices of its three vertices. Ears of
-    one polygon are consecutive. A polygon is given up when none of its corners is an ear, so it may
+    The polygons may have either orientation. Returns, for each ear, the index of its polygon and
+    the indices of its three vertices, in the order that gives the ear a positive area. Ears of one
+    polygon are consecutive. A polygon is given up when none of its corners is an ear, so it may
     have fewer than `n - 2` ears. Raises `BudgetError` with the index of a polygon.
 
     In the body, `previous`, `corner` and `following` are three consecutive remaining vertices of
@@ -172,6 +174,7 @@ def _are_ears(
     At an ear, the cross product of the two edges is at least `_MIN_CROSS`, and no other vertex of
     the polygon lies inside the triangle of the corner and its neighbours, or on its edges.
 
+    - `points`: vertices of the polygons, in the order that gives each polygon a positive area.
     - `size`: number of valid points of each polygon, which come first in its row.
     - `neighbours`: indices in `points` of the previous vertex, the corner and the next vertex.
     """

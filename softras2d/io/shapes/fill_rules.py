@@ -35,8 +35,9 @@ def fill_rule_regions(
     - `error_indices`: for each shape, the index that a `BudgetError` about it has.
 
     The polygons are in the order of the shapes. A shape may have several polygons, which may share
-    edges but do not overlap. It has none if it has no contour of three points. Raises `BudgetError`
-    if the work exceeds `budget`.
+    edges but do not overlap. It has none if no contour has three points or more; points that repeat
+    the one before are not counted in contours of more than three. Raises `BudgetError` if the work
+    exceeds `budget`.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
@@ -99,7 +100,7 @@ def distinct_edges(starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np
     """The edges without those that repeat an earlier edge, in the same or the opposite direction.
 
     `starts` and `ends` are the start and end points of the edges, `[edges, 2]`. The result has the
-    start and end points of the remaining edges.
+    start and end points of the remaining edges, in the same order and direction.
     """
     swap = (starts[:, 0] > ends[:, 0]) | (
         (starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1])
@@ -232,8 +233,9 @@ def _winding_by_rays(
 def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Sign with which the edge from a to b crosses the ray from a point in direction +x.
 
-    It is 1 if y increases from a to b, -1 if it decreases, and 0 if the edge does not cross the
-    ray. The sum over the edges of a contour is its winding number around the point.
+    The arrays are points `[..., 2]`, which are broadcast against each other. The sign is 1 if y
+    increases from a to b, -1 if it decreases, and 0 if the edge does not cross the ray. The sum
+    over the edges of a contour is its winding number around the point.
 
     **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """

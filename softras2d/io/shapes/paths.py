@@ -81,7 +81,8 @@ class FlatPath(NamedTuple):
     """A flattened path: the points of all contours, one contour after the other.
 
     - `points`: in user units.
-    - `starts`: index of the first point of each contour.
+    - `starts`: index of the first point of each contour. There is one contour for each subpath, in
+      the same order, even if it is a single point.
     - `closed`: whether each contour is closed. The edge from its last point to its first is then
       implied.
     - `smooth`: whether each point lies inside a curve, rather than at the end of a segment.
@@ -119,10 +120,10 @@ def arc_between(
     - `rotation`: angle from the x axis to the first half axis, in degrees.
     - `large`, `sweep`: the two flags of the command.
 
-    Returns the center, the vectors of both half axes, the start angle and the turn, in radians.
-    Radii that are too short to reach both ends are enlarged, in proportion. Returns None if the arc
-    is a straight line, because a radius is zero, is nothing, because its ends are equal, or cannot
-    be computed, because numbers overflow.
+    Returns the fields of `Arc` after `end`: the center, the vectors of both half axes, the start
+    angle and the turn. Radii that are too short to reach both ends are enlarged, in proportion.
+    Returns None if the arc is a straight line, because a radius is zero, is nothing, because its
+    ends are equal, or cannot be computed, because numbers overflow.
 
     **Source:** SVG 2, appendix B.2.4 and B.2.5.
     """
@@ -162,8 +163,8 @@ def flatten(
 ) -> FlatPath:
     """Flatten a path, so that no curve is farther than `tolerance` pixels from its polygon.
 
-    `linear` maps vectors in user units to pixels. The result is in user units. Raises `BudgetError`
-    if its points exceed `budget`.
+    `linear` maps vectors in user units to pixels, as `linear @ vector`. The result is in user
+    units. Raises `BudgetError` if its points exceed `budget`.
     """
     control = np.array(path.points, np.float64).reshape(-1, 2)
     if all(len(s) == 1 for subpath in path.subpaths for s in subpath.segments):
@@ -277,7 +278,7 @@ def _segment_counts(
     - `control`: all control points, `[points, 2]`, in user units.
     - `rows`: indices of four control points of each segment.
     - `degrees`: 3 for cubic curves, 2 for quadratic ones. Segments of other degrees get 1.
-    - `linear`: maps vectors in user units to pixels.
+    - `linear`: maps vectors in user units to pixels, as `linear @ vector`.
 
     The distance between a curve of degree d and the chord of a parameter interval h is at most h^2
     / 8 times the largest second derivative, which is d (d - 1) times a second difference of control
@@ -303,8 +304,8 @@ def _segment_counts(
 def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
     """Number of chords that keeps an arc within `tolerance` pixels, at most `_MAX_SEGMENTS`.
 
-    `linear` maps vectors in user units to pixels. The bound is the distance between a chord and a
-    circle whose radius is the longer half axis of the ellipse in pixels.
+    `linear` maps vectors in user units to pixels, as `linear @ vector`. The bound is the distance
+    between a chord and a circle whose radius is the longer half axis of the ellipse in pixels.
     """
     axes = linear @ np.array([arc.major, arc.minor]).T
     radius = float(np.linalg.norm(axes, 2)) if np.isfinite(axes).all() else 0.0

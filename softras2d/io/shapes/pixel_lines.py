@@ -70,7 +70,8 @@ def pixel_lines(
     with x1 and y1 exclusive, and are sorted by line. Stepping starts at the end with the smaller x,
     or at (x0, y0) if both x are equal. For a slope m, a step is (1, m), or (1/|m|, sign m) if |m| >
     1. Stepping goes on while floor(x) is at most the floor of the other end's x, and y is at most
-    |y1 - y0| from its start. All numbers are float32.
+    |y1 - y0| from its start. All numbers are float32. A line of zero length is one pixel; a line
+    whose step is not finite has none.
 
     Raises `BudgetError`, with the index of the line, if steps or triangles exceed `budget`.
     """

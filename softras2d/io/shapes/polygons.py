@@ -33,8 +33,9 @@ def triangulate(
 ) -> tuple[Float[np.ndarray, "triangles 3 2"], Int[np.ndarray, " triangles"]]:
     """Triangulate filled shapes; returns the triangles, and for each the index of its shape.
 
-    - `contours`: one entry per shape: the points `[n, 2]` of its closed contour, or a sequence of
-      such arrays if it has several contours, which the fill rule combines.
+    - `contours`: one entry per shape: the points `[n, 2]` of its contour, or a sequence of such
+      arrays if it has several contours, which the fill rule combines. The edge from the last point
+      of a contour to its first is implied.
     - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
     - `translucent`: whether each shape is translucent, so that edges between its triangles must
       avoid samples: a sample on such an edge is covered by both triangles, and blended twice.

@@ -93,10 +93,10 @@ def union(
 ) -> Any:
     """Unite triangles, which may overlap, into one shapely (multi)polygon.
 
-    Triangles without area are left out. For each pair of triangles whose bounding boxes overlap,
-    two units of `pairs` are charged to `budget`, which raises `BudgetError` beyond its limit. If
-    `budget` is None, a new one with the usual limits is used. `index` is the index of the shape in
-    the error.
+    Triangles without area are left out; if none remains, the result is an empty geometry. For each
+    pair of triangles whose bounding boxes overlap, two units of `pairs` are charged to `budget`,
+    which raises `BudgetError` beyond its limit. If `budget` is None, a new one with the usual
+    limits is used. `index` is the index of the shape in the error.
     """
     edges = np.diff(triangles, axis=1)
     areas = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
@@ -231,8 +231,8 @@ def _sector_triangles(
 ) -> Int[np.ndarray, " sectors"]:
     """Number of triangles of each sector whose chords are within `_TOLERANCE` of the circle.
 
-    `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. The angle
-    of a triangle may always be pi / 512, which limits the number for large radii. Each sector has
+    `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. No
+    triangle needs an angle below pi / 512, which limits the number for large radii. Each sector has
     at least one triangle.
     """
     radius = np.maximum(radius_px, _TOLERANCE)
