@@ -50,11 +50,12 @@ class SvgControls(eqx.Module):
 
     - `scene`: the scene as `read_svg` returns it.
     - `points`: control points of all filled paths, polygons and polylines whose points are written
-      in an attribute, `(x, y)` in the user units of their elements, in document order.
+      in an attribute, `(x, y)` in the user units of their elements, in document order. An element
+      that is drawn several times has its points here once.
     - `controls`, `weights`: for each vertex, the indices in `points` of four control points, and
       their weights. The weighted sum is the vertex in the user units of its element.
-    - `linear`, `offset`: for each vertex, the map from the user units of its element to pixels. It
-      is multiplied by `linear`, and then `offset` is added.
+    - `linear`, `offset`: for each vertex, the map from the user units of its element to pixels: a
+      vertex v in user units lies at `linear @ v + offset`.
     - `constant_vertices`: number of vertices that depend on no control point, for each reason.
       `"cut"`: vertices where shapes cross, or where a shape is clipped or divided. `"radius"`:
       vertices on arcs, circles, ellipses and rects, and on paths that a style sheet gives.

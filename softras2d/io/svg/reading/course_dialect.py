@@ -90,8 +90,8 @@ class CourseReader:
     def close(self) -> None:
         """Leave a group or the root. At the end of the root, draw the frame if `context.frame`.
 
-        The frame is the black outline of the drawing. Raises `ValueError` if a corner of it lies at
-        infinity, or behind it.
+        The frame is the black outline of the drawing. Raises `ValueError` if the map to pixels
+        sends a corner of the drawing to infinity or beyond (w <= 0).
         """
         map3 = self._maps.pop()
         if self._maps or not self._context.frame:

@@ -81,8 +81,8 @@ def read_svg(
     - `dialect`: `"svg"`, standard SVG; or `"course"`, the classic rasterizer course's rules, with
       lines one pixel wide that are not antialiased. Both have the additional elements `colortri`,
       `textri` and `texture`.
-    - `transform`: homogeneous 3x3 map from the file's units to pixels. It replaces the map that
-      fits the drawing into the canvas.
+    - `transform`: homogeneous 3x3 map of columns (x, y, 1) from user units of the root to pixels.
+      It replaces the map that fits the drawing into the canvas.
     - `assets`: folder outside of which no image file is read; by default the folder of the file.
     - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
     - `frame`: whether the course's black outline of the drawing is drawn. By default it is drawn in

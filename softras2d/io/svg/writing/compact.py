@@ -36,11 +36,11 @@ def compact_elements(
     image stays the same.
 
     - `corners`: in pixels, in draw order.
-    - `colors`: one per triangle, with 3 or 4 channels.
+    - `colors`: one per triangle, sRGB in 0..1, with 3 or 4 channels; alpha is straight.
     - `digits`: decimals to which coordinates are rounded.
 
-    Returns the text of the elements, in draw order. Colours are rounded to 8 bits. Triangles that
-    have no area after rounding are left out.
+    Returns the text of the elements, in draw order. Colours are rounded to 8 bits, and alpha to
+    1/1000. Triangles that have no area after rounding are left out.
     """
     units = to_units(corners, digits)
     doubled_area = _cross(units[:, 1] - units[:, 0], units[:, 2] - units[:, 0])

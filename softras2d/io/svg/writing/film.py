@@ -33,10 +33,11 @@ def write_svg_film(
       same triangle at different times. Colours are flat: a triangle with corner colours is written
       in their mean.
     - `height`, `width`: size of the canvas, in pixels.
-    - `seconds_per_frame`: how long each frame is shown, above 0.
+    - `seconds_per_frame`: duration of the film divided by the number of frames, above 0.
     - `digits`: decimals to which coordinates are rounded, 0 to 6. Colours are clipped to 0..1 and
-      rounded to 8 bits.
+      rounded to 8 bits, and alpha to 1/1000.
     - `smooth`: whether corners and colours change evenly from frame to frame, instead of jumping.
+      They still jump from the last frame to the first.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
     scenes of unequal shapes, scenes with textures, `depth` or `inverse_w`, and values that cannot

@@ -55,11 +55,12 @@ def write_svg(
     first exceeds 8/255 (`browser_gradients.VISIBLE`). `in_browsers` gives the scene that browsers
     then show.
 
-    `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, colours to 8
-    bits, and alpha to 1/1000. Flat triangles then become paths with relative coordinates. Triangles
-    without area may be left out. Triangles of one colour share a path, unless another triangle that
-    is drawn between them may touch them; `read_svg` may cut such a path into other triangles. If
-    the file has seam lines, corner colours or textures, each triangle is still an element.
+    `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, colours of
+    triangles to 8 bits, and their alpha to 1/1000. Flat triangles then become paths with relative
+    coordinates. Triangles without area may be left out. Triangles of one colour share a path,
+    unless another triangle that is drawn between them may touch them; `read_svg` may cut such a
+    path into other triangles. If the file has seam lines, corner colours or textures, each triangle
+    is still an element.
 
     Antialiasing in browsers lets the background show between triangles that share an edge. Lines in
     the colours of opaque triangles, drawn below them, hide it. If the triangles tile the canvas, a

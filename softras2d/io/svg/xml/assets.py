@@ -43,7 +43,8 @@ class Assets:
     def declare(self, texid: str, filename: str) -> None:
         """Give the texture in the file `filename` the name `texid`. The file is not read yet.
 
-        Raises `ValueError` for a file that does not exist or may not be read.
+        `filename` is not percent-encoded. A later declaration of the same name replaces it. Raises
+        `ValueError` for a file that does not exist or may not be read.
         """
         self._declared[texid] = self._path(filename)
 

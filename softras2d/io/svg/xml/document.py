@@ -298,9 +298,9 @@ def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool 
 
     `with_entities` says whether entities may be declared, up to `MAX_ENTITIES` short texts that
     refer to nothing. Raises `SvgError` for errors in the XML, for other entities, for more than
-    `MAX_DEFAULTS` attribute defaults, and for a text that cannot be decoded. Errors that the
-    handlers raise are passed on, except that other `ValueError`s and `LookupError`s become
-    `SvgError`s.
+    `MAX_DEFAULTS` attribute defaults, and for a text that cannot be decoded. An error that a
+    handler raises is passed on, except that a `ValueError` or `LookupError` becomes an `SvgError`,
+    as if the text could not be decoded, unless it is one already.
     """
 
     def refuse(problem: str) -> NoReturn:

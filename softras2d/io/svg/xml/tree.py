@@ -26,7 +26,8 @@ class Element:
     It has the attributes of `cssselect2.ElementWrapper` that selectors use. That class itself
     stores the ancestors and previous siblings of every element, which takes quadratic memory.
 
-    - `name`: local name in the namespace of SVG; empty for elements of other namespaces.
+    - `name`: local name in the namespace of SVG, which is the default namespace if the document
+      declares none; empty for elements of other namespaces.
     - `tag`: the name as written, for messages.
     - `attrib`: values of attributes without a namespace, and `href` of XLink if there is no other
       `href`.
