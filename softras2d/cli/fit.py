@@ -225,7 +225,7 @@ def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float
 
 
 def _warn_of_ignored(given: set[str], console: Console) -> None:
-    """Warn of options that the user gave, although they have no effect on a resumed fit.
+    """Warn of options that the user gave beside `--resume`, which have no effect on such a fit.
 
     `given`: the names of the parameters of `fit_picture` that the user gave.
     """

@@ -222,7 +222,7 @@ def _ended_by_ctrl_c() -> Iterator[None]:
 
 
 def _local_devices() -> Any:
-    """The JAX devices of this process; None if there is only one."""
+    """List of the JAX devices of this process; None if there is only one."""
     import jax
 
     devices = jax.local_devices()
@@ -272,7 +272,7 @@ def _warn_of_other_settings(
     """Warn of finished pictures that were fitted with other settings, as they are not fitted again.
 
     - `output`: the folder of the results.
-    - `done`: the finished pictures (`folder.Fitted`).
+    - `done`: the finished pictures (`folder.Fitted`), each with the settings of its fit.
     - `settings`: the settings of this command, by name.
     """
     from ..fitting.folder import changed_settings

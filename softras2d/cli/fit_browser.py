@@ -17,8 +17,9 @@ from .fit_paths import STANDARD_STREAM, find_suffix
 def browser_line(options: PictureOptions, result: FitResult) -> str:
     """Show the SVG of a fit in a browser; return a line on its difference from the fit's image.
 
-    The browser is that of `--compare-in`. The SVG is the first that the command writes. The image
-    is `FitResult.image`, which is the one that is scored, with 16 samples per pixel. Therefore the
+    The browser is that of `--compare-in`, which must have been given. The SVG is the first file of
+    this kind that the command writes, or else the one on standard output. The image is
+    `FitResult.image`, which is the one that is scored, with 16 samples per pixel. Therefore the
     difference includes what the SVG lacks because its colours are gradients, and because of
     `--digits`.
 

@@ -151,7 +151,8 @@ def small_images(scenes: list[Scene], height: int, width: int) -> list[Image]:
 
     They are the frames of an animation. The scenes have arrays of equal shapes, and positions in
     pixels of a canvas of `height` x `width` pixels. A canvas that is smaller is not enlarged. Each
-    pixel has 4 samples. A transparent background is composited over white.
+    pixel has 4 samples. A transparent background is composited over white. The images are floats
+    `[rows, columns, 3]` in sRGB, 0..1.
     """
     scale = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = (max(1, round(side * scale)) for side in (height, width))

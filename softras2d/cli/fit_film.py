@@ -57,7 +57,7 @@ def fit_film(
 
 
 def read_frames(paths: Sequence[Path]) -> list[Image]:
-    """Read the frames of a film as images of one shape.
+    """Read the frames of a film, at least one, as images of one shape.
 
     If some frames have alpha, an alpha of 1 is added to the others. Raises `ValueError` for a frame
     that is not as large as the first.

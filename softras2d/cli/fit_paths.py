@@ -44,10 +44,11 @@ def check_input(path: Path | None) -> None:
 def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
     """Raise `ValueError` if one of the output files `paths` cannot be written, or is given twice.
 
-    A file cannot be written if its suffix is not in `SUFFIXES`, or if its folder is missing or may
-    not be written to. `-` is standard output.
+    A file cannot be written if its suffix is not in `SUFFIXES`, if it is a folder, if its folder is
+    missing or may not be written to, or if it is one of `inputs`. `-` is standard output.
 
-    `inputs`: files that must not be overwritten; each has its role as a text for the message.
+    `inputs`: files that must not be overwritten; each has its role as a text for the message. A
+    path at which there is no file is ignored.
     """
     for path in paths:
         if path == STANDARD_STREAM:
@@ -116,7 +117,10 @@ def check_start(text: str, family: str) -> None:
 
 
 def check_animation(path: Path) -> None:
-    """Raise `ValueError` unless `path` has the suffix .svg or .gif and can be written."""
+    """Raise `ValueError` unless `path` has the suffix .svg or .gif, and a folder that exists.
+
+    A path that is a folder itself is refused, too.
+    """
     if path.suffix.lower() not in (".svg", ".gif"):
         raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")
     check_writable_path(path)

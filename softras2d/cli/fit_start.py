@@ -29,8 +29,9 @@ def read_start(text: str, family: str, size: int | None, height: int, width: int
     - `height`, `width`: size of the picture to fit, in pixels.
 
     An SVG file is read as a scene in pixels of the picture. The scene of a fit saved as `.npz` is
-    stretched to the picture. If the family is `mesh`, it is converted to a `Mesh` in pixels of the
-    fit. Raises `ValueError` for a file that cannot be read, and for a saved fit of another family.
+    stretched to the picture, so that it is in pixels of the picture too. For the family `mesh`, it
+    is converted to a `Mesh` instead, in pixels of the image during the new fit. Raises `ValueError`
+    for a file that cannot be read, and for a saved fit of another family.
     """
     if text in STARTS:
         return text

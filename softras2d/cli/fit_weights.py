@@ -20,7 +20,8 @@ def pixel_weights(
 
     They are float32. The result is None if neither an image nor a rectangle is given.
 
-    - `image`: file of an image of the same size, whose mean of R, G and B is the weight; or None.
+    - `image`: file of an image of the same size; the weight is the mean of R, G and B, 0..1, as
+      stored (sRGB), and alpha is ignored. None for weights of 1.
     - `focus`: rectangles in which weights are multiplied by `FOCUS_WEIGHT`, once where they
       overlap.
     - `height`, `width`: size of the picture to fit, in pixels.

@@ -28,8 +28,9 @@ def read_scene(path: Path, options: RenderOptions) -> tuple[Scene, int, int]:
     """Read a scene; return the scene, and the height and width of its canvas in pixels.
 
     `path` is a file, `-` for standard input, or the name of a bundled scene. If the options give a
-    canvas with another aspect ratio than the drawing, and `options.fit` does not say how to fill
-    the canvas, a warning says that margins remain. There is none in dialect `course`.
+    background, it replaces that of the scene. If they give a canvas with another aspect ratio than
+    the drawing, and `options.fit` does not say how to fill the canvas, a warning says that margins
+    remain. There is none in dialect `course`.
     """
     source = SceneSource(path, options.dialect)
     has_both_sides = options.size is not None and options.size.height is not None

@@ -71,8 +71,9 @@ class SceneSource:
     def read(self, **keywords: Any) -> Scene:
         """Read the scene.
 
-        `keywords`: the keyword arguments of `read_svg` other than `dialect`. For a bundled scene
-        that a Python function makes, only `height` and `width` of them are used.
+        `keywords`: the keyword arguments of `read_svg` other than `dialect`, among them `height`
+        and `width`. For a bundled scene that a Python function makes, only these two are used. A
+        bundled scene that is an SVG file is read in the dialect in which it is written.
         """
         if scenes.is_bundled(self.path):
             name = str(self.path)

@@ -20,8 +20,9 @@ def session(
     """Run the body of a command in a `with` block; yields a console that prints to stderr.
 
     An expected error (see `is_expected`) is printed as one red line, and ends the command with
-    `error_code`. A warning is printed as one yellow line. Ctrl-C ends the command with one line and
-    exit code 130. If SOFTRAS2D_DEBUG is set, errors keep their traceback.
+    `error_code`. Other errors, and all errors if SOFTRAS2D_DEBUG is set, are raised unchanged, with
+    their traceback. A warning is printed as one yellow line. Ctrl-C ends the command with one line
+    and exit code 130.
 
     - `long_running`: whether the command spends more time running its programs than compiling them.
       If not, XLA is set to compile faster, by the environment variable XLA_FLAGS.
