@@ -174,7 +174,7 @@ def _plan_arguments(options: RenderOptions) -> dict[str, Any]:
 
 
 def render_image(scene: Scene, plan: Plan) -> np.ndarray:
-    """Render a scene to a NumPy image `[height, width, channels]`.
+    """Render a scene to a NumPy image `[height, width, channels]` of floats, as `render` does.
 
     Raises `ValueError` if the scene exceeds a capacity of the plan, so that an image never lacks
     triangles.

@@ -64,12 +64,12 @@ def screenshot_file(
 ) -> bytes:
     """Take a picture of an SVG file as the browser shows it; return the bytes of a PNG file.
 
-    The drawing, scaled to `width` x `height` pixels, is in the upper left corner of the picture.
-    The picture may be larger; the rest is white.
+    The drawing is shown as an image of `width` x `height` pixels, in the upper left corner of the
+    picture. The picture may be larger; the rest is white.
 
     - `browser`: path of Chromium, or of a browser with the same command-line options.
-    - `seconds`: time limit, after which the browser is killed. It is started once more if it has
-      ended without a picture, with the same limit.
+    - `seconds`: time limit, after which the browser is killed. A browser that has ended by itself
+      without a picture is started once more, with the same limit.
 
     After the call, no process of the browser is left, and no file with one exception: if the path
     of the folder for temporary files is longer than `_LONGEST_FOLDER`, a browser that is killed

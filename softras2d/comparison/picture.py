@@ -32,7 +32,8 @@ def difference_picture(
     told apart. The dark grey is a copy of the expected image, for orientation.
 
     - `difference`: the largest difference among the channels of each pixel.
-    - `expected`: the expected image in 0..1, with three or four channels. Alpha is ignored.
+    - `expected`: the expected image in 0..1, premultiplied if it has a fourth channel, alpha. Alpha
+      itself is ignored, so that the copy is black where the image is transparent.
     - `tolerance`: largest difference at which pixels count as equal.
     """
     grey = _GREY_LEVEL * np.clip(expected[..., :3] @ _LUMA, 0, 1)

@@ -47,9 +47,9 @@ def screenshot(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Take a picture of an SVG file as a browser shows it on a white page, in sRGB, 0..1.
 
-    The arguments and errors are those of `chromium.screenshot_file`. In addition, `OSError` is
-    raised if the picture is smaller than `width` x `height`, and `ValueError` if it cannot be
-    decoded.
+    The arguments and errors are those of `chromium.screenshot_file`. The picture is cropped to
+    `width` x `height` pixels. In addition, `OSError` is raised if it is smaller, and `ValueError`
+    if it cannot be decoded.
     """
     data = screenshot_file(browser, svg, height=height, width=width, seconds=seconds)
     picture = decode_image(data, f"{browser}: the picture of {svg}")[:height, :width, :3]

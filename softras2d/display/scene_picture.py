@@ -43,8 +43,9 @@ picture need 320 MiB."""
 def scene_picture(scene: Any) -> Float[np.ndarray, "height width channels"] | None:
     """Draw one concrete scene in hard mode, with 16 samples per pixel or, to save memory, 4.
 
-    The longer side of the picture is `SIDE` pixels. Returns None for a scene that has no triangles
-    or more than `_MAX_TRIANGLES`, is a batch, is traced, or would take too much memory, and for one
+    The longer side of the picture is `SIDE` pixels. Its channels are those of the scene's
+    background: RGB, or RGBA with straight alpha. Returns None for a scene that has no triangles or
+    more than `_MAX_TRIANGLES`, is a batch, is traced, or would take too much memory, and for one
     whose extent is zero or not finite. Raises `ValueError` for other invalid values.
     """
     import softras2d as sr

@@ -42,8 +42,8 @@ def new_cells(
     - `ticks`: whether to reserve space for numbered axes.
 
     Returns the figure and its axes. Small images are enlarged by an integer factor, up to the
-    limits of this file. Larger images are shrunk to the limits, except for a single image that
-    exceeds only the limit of height.
+    limits of this file. Larger images are shrunk to the limits. In a single column, however, images
+    whose sides are at most `_MAX_ROW_WIDTH` (960) pixels are not shrunk.
     """
     pyplot = import_pyplot()
     rows = -(-count // columns)
@@ -51,7 +51,8 @@ def new_cells(
     if max_scale >= 1:
         scale = float(int(max_scale))
     else:
-        # A single image that exceeds only the height keeps one dot per pixel; others shrink.
+        # In a single column, images that exceed only the height, up to the limit of width, keep one
+        # dot per pixel; others shrink.
         scale = 1.0 if columns == 1 and max(height, width) <= _MAX_ROW_WIDTH else max_scale
     cell_height, cell_width = height * scale, width * scale
     beside = _TICKS if ticks else _GAP

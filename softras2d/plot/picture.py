@@ -32,7 +32,7 @@ def show(
     """Show one image; its pixels are drawn as squares.
 
     - `image`: floats `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels; values
-      outside are clipped.
+      outside are clipped. Straight alpha is shown over a checkerboard.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `title`: text above the image.
     - `grid`: whether to draw lines between the pixels and to number the axes in pixels. If a side
@@ -43,10 +43,11 @@ def show(
     - `inset_zoom`: magnification of the inset, more than 1. It is reduced if the inset would be
       larger than 0.6 of a side of the image.
 
-    Returns the axes. If an image has more pixels than `axes` has dots on the screen, it is
-    smoothed, since leaving out pixels would add aliasing. Raises `ValueError`, with a message of
-    one line, for another shape or dtype, for NaN and infinity, and for an inset that is outside the
-    image or too large to be enlarged.
+    Returns the axes. If a pixel is less than 1.5 dots of the screen wide, but not exactly one, the
+    image is smoothed as matplotlib decides, since leaving out pixels would add aliasing. Raises
+    `ValueError`, with a message of one line, for another shape or dtype, for NaN and infinity, for
+    an inset that is outside the image or too large to be enlarged, and for an `inset_zoom` that is
+    not more than 1.
     """
     pixels = checked_image("`image`", image)
     height, width = pixels.shape[:2]

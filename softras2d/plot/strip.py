@@ -28,8 +28,9 @@ def film_strip(
 ) -> AnyFigure:
     """Show images side by side, in rows from left to right.
 
-    - `frames`: float images `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels. Their
-      sizes may differ; each is scaled to fill a cell of the same size.
+    - `frames`: float images `[height, width, channels]` in sRGB, 0..1, of 1, 3 or 4 channels, with
+      straight alpha. Their sizes may differ; each is scaled, without distortion, to fit into a cell
+      of the same size.
     - `titles`: none, or one for each image, drawn above it.
     - `columns`: number of images in a row, at least 1; by default as many as fit, at most 6.
     - `figure`: matplotlib figure to draw into; by default a new one.
@@ -69,8 +70,8 @@ def pyramid(
     - `index`: index of the texture, 0 to `textures.count - 1`.
     - `figure`: matplotlib figure to draw into; by default a new one.
 
-    All levels are drawn at the same size; titles give their width x height in texels. Returns the
-    figure. Raises `ValueError` for an `index` outside its range.
+    All levels are drawn in cells of the same size; titles give their width x height in texels.
+    Returns the figure. Raises `ValueError` for an `index` outside its range.
     """
     if not 0 <= index < textures.count:
         raise ValueError(f"`index` must be 0 to {textures.count - 1}; got {index}.")

@@ -82,7 +82,7 @@ class Artist:
         """Draw the image of a view; returns the image, and the plan that was used.
 
         `grid_bits` is as in `plan`. The image has floats, `[height, width, 3 or 4]`, with straight
-        alpha.
+        alpha. Errors are those of `draw`.
         """
         return self.with_plan(render_checked, scene, view, settings, grid_bits)
 
@@ -96,7 +96,8 @@ class Artist:
     ) -> tuple[T, Plan]:
         """Call `compute(scene, plan)` with a plan that is large enough.
 
-        `compute` returns a value, and whether the scene outgrew the plan. If it did, `compute` is
+        `compute` gets the argument `scene` itself, which is not padded to the size class of the
+        plan. It returns a value, and whether the scene outgrew the plan. If it did, `compute` is
         called again with a larger plan. The first larger plan is the one that was requested from
         the compiler's thread, if there is one and `grid_bits` is None. The last one is made for
         this view, so it must be large enough. Returns the last value, and the plan that gave it.

@@ -92,8 +92,8 @@ def _cut(polygon: list[_Point], triangle: list[_Point]) -> tuple[list[_Point], l
 def _split(polygon: list[_Point], start: _Point, end: _Point) -> tuple[list[_Point], list[_Point]]:
     """Split a convex polygon along the line from `start` to `end`.
 
-    Returns two polygons: the part on the left side, where a triangle of positive orientation that
-    has this edge would lie, and the part on the other side. A part without area is empty.
+    Returns two polygons: the part on the side where a triangle of positive orientation that has
+    this edge would lie, and the part on the other side. A part without area is empty.
 
     **Source:** Sutherland and Hodgman, *Reentrant Polygon Clipping* (1974), for one line.
     """

@@ -56,7 +56,8 @@ class Image(Subject):
     image's pixels under it.
 
     - `name`: what a page calls the image.
-    - `read`: returns the image, `[height, width, 3 or 4]` in 0..1 with straight alpha.
+    - `read`: returns the image, `[height, width, 1, 3 or 4]` in sRGB, 0..1, with straight alpha. It
+      is called each time that the pixels are needed.
     - `version_of`: returns a number that changes whenever the image does; None for an image that
       never changes.
     - `size_of`: returns height and width in pixels; by default the size of the image that `read`

@@ -69,10 +69,12 @@ def inspect_pixel(
     - `column`, `row`: the inspected pixel.
     - `lens`, `rate`: number of pixels along a side of the lens, and of samples along a side of a
       pixel.
-    - `value`: the colour with which the pixel is drawn, with straight alpha, in 0..1.
-    - `samples`: triangle (-1 for the background) and colour of each sample of the pixel; empty
-      under analytic coverage.
-    - `layers`: the triangles that cover the pixel (`list_layers`).
+    - `value`: the colour with which the pixel is drawn, in 0..1, with straight alpha if the
+      background has alpha.
+    - `samples`: the nearest triangle (-1 for the background) and the colour of each sample of the
+      pixel, row by row; empty under analytic coverage.
+    - `layers`: the nearest triangles that cover the pixel, at most `most_layers` at each sample
+      (`list_layers`). They may include triangles behind an opaque one.
     - `most_layers`: the largest number of triangles that can be listed at a sample or pixel.
     - `edges`: the corners of these triangles (`_edges`).
     """
@@ -121,9 +123,9 @@ def reference_value(
     """Compute a more exact value of a pixel of a view, to compare the drawn value with.
 
     `column` and `row` are the pixel on the view's canvas. Returns how the value was computed,
-    `"exact area"` or `"256 samples"`, and the value in 0..1 with straight alpha. The value is the
-    mean of the drawing over the square of the pixel (`exact_pixel`) or, where that is None, the
-    value with 256 samples.
+    `"exact area"` or `"256 samples"`, and the value in 0..1, with straight alpha if the background
+    has alpha. The value is the mean of the drawing over the square of the pixel (`exact_pixel`) or,
+    where that is None, the value with 256 samples.
     """
     value = exact_pixel(scene, view.x + column, view.y + row)
     if value is not None:
@@ -154,7 +156,7 @@ def _window(
 def _sample_layers(
     artist: Artist, scene: Scene, window: View, settings: Settings, bits: int | None
 ) -> tuple[WindowLayers, int, bool]:
-    """Find the layers of each sample of a window, down to the nearest opaque one.
+    """Find the nearest layers of each sample of a window, at least down to the first opaque one.
 
     A layer is a triangle that covers the sample. `bits` is the `grid_bits` of the plan. Returns the
     layers, which include the opaque one; the number of samples along a side of a pixel; and whether
@@ -182,7 +184,8 @@ def composite_samples(
 ) -> Float[np.ndarray, "height width samples channels"]:
     """Composite the layers of each sample over a background of straight RGB or RGBA.
 
-    Returns straight colours with as many channels as the background.
+    The colour of a layer is multiplied by its coverage. Returns straight colours with as many
+    channels as the background.
     """
     channels = background.shape[0]
     total = np.zeros((*layers.triangle.shape[:3], channels))

@@ -65,6 +65,6 @@ def _is_finite(value: Any) -> bool:
 
 
 def check_range(name: str, value: int | float, least: int | float, most: int | float) -> None:
-    """Raise `ValueError`, which names the field `name`, unless `value` is in `least` to `most`."""
+    """Raise `ValueError`, which names the field `name`, unless `least` <= `value` <= `most`."""
     if not least <= value <= most:
         raise ValueError(f"`{name}` must be {least:g} to {most:g}; got {value:g}.")

@@ -37,11 +37,13 @@ def view(
     In the viewer you can zoom, pan, switch settings, inspect pixels, and compare subjects.
 
     - `subjects`: one or several, of any kinds: a `Scene`, a `FitResult`, a `TexturePyramid`, an
-      image `[height, width, 3 or 4]` in 0..1, or the path of an SVG file, an image or a saved fit.
+      image `[height, width, 1, 3 or 4]` of floats in sRGB, 0..1, with straight alpha, or the path
+      of an SVG file, an image or a saved fit.
       An image can be compared with the other subjects, and can be the target of gradients. An SVG
       file or an image file is drawn again when it changes.
-    - `height`, `width`: size of the canvas of scenes, in pixels; by default the smallest canvas
-      from (0, 0) that contains all triangles, at most 4096 pixels.
+    - `height`, `width`: size of the canvas of each `Scene`, in pixels; by default the smallest
+      canvas from (0, 0) that contains all triangles, at most 4096 pixels a side. Fits and SVG files
+      have their own size.
     - `widget_height`: height of the widget on the screen, 200 to 2000 pixels.
 
     Returns the widget, which a notebook shows if it is the last value of a cell. Where no kernel

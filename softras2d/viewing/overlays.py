@@ -72,13 +72,14 @@ def position_gradients(
 ) -> Float32[np.ndarray, "vertices 4"]:
     """Differentiate the mean squared difference to a target by the positions of vertices in view.
 
-    `target` is straight RGBA of the size of the view. The mean is over R, G and B of all pixels,
-    weighted by the alpha of the target. The picture's colours are premultiplied before they are
-    compared.
+    `target` is straight RGBA of the size of the view. The mean is over R, G and B, in 0..1, of all
+    pixels, and is weighted by the alpha of the target: pixels where the target is transparent do
+    not count. The picture's premultiplied colours are compared with the target's straight ones.
 
     Each row of the result is the position (x, y) of a vertex in pixels of the canvas, and the
     derivative with respect to its x and y. Rows are sorted by the length of the gradient, longest
-    first, and there are at most `MOST_ARROWS`.
+    first, and there are at most `MOST_ARROWS`. Vertices that no triangle uses, and gradients that
+    are not finite, are left out.
     """
     pixels = to_device(target.astype(np.float32) / np.float32(255))
 

@@ -57,7 +57,8 @@ class SceneFile(Subject):
     The drawing is read again at each zoom, so that curves are as smooth, and lines of one pixel as
     thin, as the enlarged drawing needs.
 
-    - `path`: the file, or the name that stands for `text` on the command line, such as `-`.
+    - `path`: the file, or the name that stands for `text` on the command line, such as `-`. Its
+      last part is the name of the subject.
     - `options`: how the drawing is read.
     - `text`: contents to read instead of the file, such as standard input; None to read the file.
     """

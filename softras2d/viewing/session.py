@@ -1,10 +1,12 @@
 """Answers the requests of a page: pictures, pixels, overlays and costs. Knows nothing of the web.
 
 A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` and a `slot`, which
-the replies repeat, and fields that depend on the kind. The slot tells the two pictures of a page
-apart: "a" is the picture of the subject that the page shows, and "b" is the picture of the subject
-with which it is compared. Other requests have other slots or none. A newer request of a page
-replaces its older ones of the same kind and slot. A reply has a header, for JSON, and bytes.
+the replies repeat, and fields that depend on the kind. All kinds but "subjects" have the fields
+`subject`, the index of a subject, `view` and `settings`, which are objects with the fields of
+`View` and `Settings`. The slot tells the two pictures of a page apart: "a" is the picture of the
+subject that the page shows, and "b" is the picture of the subject with which it is compared. Other
+requests have other slots or none. A newer request of a page replaces its older ones of the same
+kind and slot. A reply has a header, for JSON, and bytes.
 
 A subject is a drawing or an image that the viewer shows (`subject.py`). A view is the part of it
 that a canvas shows, with its zoom (`view.py`).
@@ -42,7 +44,10 @@ class Reply(NamedTuple):
 
 
 class Session:
-    """Answers requests about the subjects of a viewer. One thread at a time may call `answer`."""
+    """Answers requests about the subjects of a viewer. One thread at a time may call `answer`.
+
+    Raises `ValueError` if there are no subjects.
+    """
 
     def __init__(self, subjects: Sequence[Subject]):
         if not subjects:
@@ -163,7 +168,8 @@ class Session:
         """Inspect a pixel; reply with its values and samples, and then with its reference value.
 
         The request has the `column` and `row` of the pixel on the canvas. The first reply is a
-        `PixelReport`; the second, of kind `"reference"`, is the result of `reference_value`.
+        `PixelReport`: the facts are its header, and the samples its bytes. The second, of kind
+        `"reference"`, has `column`, `row`, and the result of `reference_value`: `name`, `value`.
         """
         subject, view, settings = self._read(request)
         column, row = (read_value(name, int, request.get(name)) for name in ("column", "row"))
@@ -227,7 +233,8 @@ class Session:
         """Measure the time of a render with and without each effect, in milliseconds.
 
         Yields a reply for the complete scene, whose `effect` is None, and then one for each effect.
-        `is_last` is true in the last one.
+        `milliseconds` is with the effect, `milliseconds_without` without it; both are equal in the
+        first reply. `is_last` is true in the last one.
         """
         subject, view, settings = self._read(request)
         scene = subject.scene_at(view.zoom)

@@ -78,8 +78,8 @@ class Subject(abc.ABC):
     def watch(self, is_watched: bool) -> None:  # noqa: B027
         """Learn whether any page shows this subject now.
 
-        The server calls it at each request for a page's own picture, and when a page closes, so
-        that `is_watched` is often the same as before.
+        The server calls it when a page requests the picture of the subject that it shows, rather
+        than compares with, and when a page closes. `is_watched` is often the same as before.
         """
 
     def fit_state(self) -> FitState | None:

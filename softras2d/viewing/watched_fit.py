@@ -14,9 +14,10 @@ from .subject import FitState
 
 
 class WatchedFit(SceneInMemory):
-    """A subject that shows a fit while it runs: the scene of its last report that is to be drawn.
+    """A subject that shows a fit while it runs, by the scene that was best at one of its reports.
 
-    It is empty before the first report, and changes only once the last scene shown has been drawn.
+    It is empty before the first report. A later report changes the scene only if the one that is
+    shown has been drawn.
     The thread of the fit calls `add` and `finish`. Other threads answer the pages: they call
     `watch`, read the progress with `fit_state`, and get the scene to draw from `scene_at`.
     """
@@ -53,7 +54,7 @@ class WatchedFit(SceneInMemory):
                 self._has_shown.wait_for(self._is_shown, seconds)
 
     def scene_at(self, zoom: int | float) -> Scene:
-        """The best scene so far, with its positions multiplied by `zoom`.
+        """The scene that is shown now, enlarged by about `zoom` as in `SceneInMemory.scene_at`.
 
         From now on, this scene counts as drawn.
         """

@@ -40,7 +40,8 @@ class WindowLayers(NamedTuple):
     - `triangle`: index of the triangle in the scene, -1 for an unused layer.
     - `coverage`: 1 at a covered sample; under analytic coverage, the fraction of the pixel.
     - `weights`: barycentric weights of the triangle's corners.
-    - `color`: premultiplied RGBA, not multiplied by coverage.
+    - `color`: premultiplied RGBA, not multiplied by coverage; under analytic coverage without the
+      texture.
     - `depth`, `uv`: interpolated values; None if the scene has none. Depth is also None under
       analytic coverage.
     - `level`: mip level of detail, NaN for a triangle without texture; None for a scene without
