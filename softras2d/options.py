@@ -24,7 +24,10 @@ SAMPLES = (1, 4, 9, 16, 64, 256)
 
 
 def _plain(value: Any) -> Any:
-    """Convert a scalar of NumPy or JAX to a Python number, since static fields are not arrays."""
+    """Convert a scalar of NumPy or JAX to a Python number, since static fields are not arrays.
+
+    Other values are returned unchanged.
+    """
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
@@ -69,9 +72,10 @@ class Hard(eqx.Module):
 class Soft(eqx.Module):
     """Soft coverage: a smooth step of the signed distance to the triangle.
 
-    - `width`: the distance in pixels over which coverage rises from 10 % to 90 %. For comparison,
-      a box filter of one pixel has a width of 0.8. The width is an array leaf of a plan, so a new
-      value does not recompile, but it may not exceed the `max_width` for which the plan was made.
+    - `width`: the distance in pixels, above 0, over which coverage rises from 10 % to 90 %; a
+      number or a scalar array. For comparison, a box filter of one pixel has a width of 0.8. The
+      width is an array leaf of a plan, so a new value does not recompile, but it may not exceed the
+      `max_width` for which the plan was made.
     - `profile`: `"logistic"`, a logistic function of the signed distance; `"softras"`, a logistic
       function of its square with the same sign, with derivative 0 on the edge itself; or
       `"window"`, a smoothstep. All three are 1/2 on the edge. They are 0 outside and 1 inside from
@@ -104,9 +108,12 @@ class Soft(eqx.Module):
 class Area(eqx.Module):
     """Exact area of the intersection of triangle and pixel, in closed form.
 
+    Scenes with depth are refused, as there is no depth test.
+
     - `compositing`: `"over"` blends triangles in draw order; the background then shows faintly at
-      the seams of adjacent triangles. `"sum"` adds colours times signed areas, which gives the
-      exact image of triangles that cover the plane without gap or overlap.
+      the seams of adjacent triangles. `"sum"` adds premultiplied colours times signed areas, which
+      gives the exact image of triangles that cover the plane without gap or overlap. The sum of all
+      signed areas counts as positive: triangles of the opposite orientation are subtracted.
     """
 
     compositing: AreaCompositing = eqx.field(static=True, default="over")

@@ -48,8 +48,8 @@ class Scene(eqx.Module):
     - `uv`, `texture_index` (-1: none), `textures`: texture coordinates of each corner, the texture
       of each triangle, and the pyramid of all textures. Give all three or none.
     - `depth`: one value per vertex, which grows away from the viewer and is interpolated affinely
-      on the screen, as z/w is. At each sample a triangle is composited unless it lies deeper than a
-      triangle drawn before it. Without `depth`, draw order alone decides.
+      on the screen, as z/w is. Under `Hard` a triangle is left out where it lies deeper than one
+      drawn there before; `Soft` mixes by depth; `Area` refuses it. If None, draw order decides.
     - `inverse_w`: 1/w of the projection for each vertex, positive. With it, colours and `uv` are
       interpolated in perspective; without it, affinely on the screen.
 
@@ -107,8 +107,8 @@ class Scene(eqx.Module):
         `positions`, which is float32 or float64; integer positions become float32. Arrays on the
         host are converted without compiling anything.
 
-        Raises `ValueError` for invalid shapes, dtypes, indices and values. Warns of colours that
-        look like bytes (0..255).
+        Raises `ValueError` for invalid shapes, dtypes, indices and values; while tracing, `check`
+        looks at dtypes only. Warns of colours that look like bytes (0..255).
         """
         given_positions, positions = positions, _floats("positions", positions, None)
         _expect("positions", positions, ("vertices", 2))

@@ -1,8 +1,8 @@
 """List the pairs of a triangle and a tile that it touches, and leave out hidden pairs.
 
 In each row of tiles a triangle touches the tiles of one strip (`strips`). Each of these tiles makes
-a pair with the triangle. A pair is hidden if another triangle in front covers the whole tile and is
-opaque there.
+a pair with the triangle. A pair is hidden if another triangle in front, which is one later in draw
+order, covers the whole tile and is opaque there.
 
 A render runs `find_pairs` on the device, where lists are expanded into a fixed number of entries. A
 plan runs it on the host, where lists have as many entries as there are.
@@ -61,7 +61,8 @@ def find_pairs(
       (`Lines`) under analytic coverage.
     - `bounds`: the samples that each triangle may reach, by its bounding box. Under analytic
       coverage they are pixels.
-    - `is_occluder`: whether each triangle is opaque wherever it covers.
+    - `is_occluder`: whether each triangle is opaque wherever it covers, and so hides everything
+      before it in draw order. The caller passes false for all triangles of a scene with depth.
     - `expand_strips`, `expand_pairs`: functions that expand counts into lists
       (`expansion.Expand`): the number of strips of each triangle, and the number of tiles of each
       strip.

@@ -51,8 +51,8 @@ def list_tiles(
     """List the triangles that may show in each tile, nearest first.
 
     - `edges`, `bounds`: as in `pairs.find_pairs`.
-    - `is_occluder`: whether each triangle is opaque wherever it covers. Where such a triangle
-      covers a whole tile, the triangles behind it are not listed for that tile.
+    - `is_occluder`: as in `pairs.find_pairs`. Where such a triangle covers a whole tile, the
+      triangles before it in draw order are not listed for that tile.
     - `strips`, `pairs`: capacities of the lists of strips and of pairs.
     """
     triangles = is_occluder.shape[0]

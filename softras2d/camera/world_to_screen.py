@@ -51,8 +51,8 @@ def perspective(
     In clip space, w is the distance from the viewer along the line of sight. The depth, z / w, is 0
     on the near plane and 1 on the far plane.
 
-    - `fov_y_degrees`: vertical field of view, in degrees.
-    - `aspect`: width / height of the image.
+    - `fov_y_degrees`: vertical field of view, in degrees, above 0 and below 180.
+    - `aspect`: width / height of the image, positive and finite.
     - `near`, `far`: distances of the planes from the viewer, 0 < near < far; `far` may be infinite.
 
     Raises `ValueError` for numbers outside these ranges.

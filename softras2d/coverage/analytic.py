@@ -85,7 +85,8 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     ) -> Values:
         """Compute the derivative of the value when the corners move with a given `velocity`.
 
-        `velocity` is in pixels. The pixel, with its centre (`x`, `y`), and `parameter` stay fixed.
+        `velocity` is in pixels, and laid out like the geometry. The pixel, with its centre
+        (`x`, `y`), and `parameter` stay fixed.
         """
 
     @abc.abstractmethod
@@ -137,8 +138,9 @@ def evaluate(
 
     - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in pixels.
       The value does not read them: they receive the derivatives.
-    - `geometry`: numbers that the function needs, computed from the corners. The derivative of the
-      geometry is used only in second derivatives.
+    - `geometry`: numbers that the function needs, computed from the corners. First derivatives do
+      not go through it, because those with respect to `corners` account for it; second derivatives
+      do.
     - `parameter`: the number on which the function depends besides the corners.
 
     Differentiable with respect to `corners` and `parameter`.

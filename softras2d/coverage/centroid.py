@@ -62,7 +62,8 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     """Mean barycentric weights of corners 1 and 2 over the area of a pixel that a triangle covers.
 
     A pixel of which the triangle covers nothing has the weights at the pixel's centre, clamped to
-    0..1, with zero gradient. The function has no parameter.
+    0..1, with zero gradient. Thin triangles are an exception (`value`, `jvp`). The function
+    has no parameter.
     """
 
     def value(
@@ -89,7 +90,9 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         """Compute the change of the weights of corners 1 and 2 as the corners move.
 
         It has two terms. The area that the moving edges sweep moves the centroid, and the weights
-        change at a fixed point. It is 0 in a pixel of which the triangle covers nothing.
+        change at a fixed point. It is 0 in a pixel of which the triangle covers nothing. For thin
+        triangles it is not the derivative of `value`: the blend is left out, and gradients of a
+        weight above 64 per pixel are reduced (`_STEEP`).
         """
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)

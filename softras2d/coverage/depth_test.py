@@ -195,9 +195,10 @@ def depth_at(
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
     `triangle` holds indices of triangles. `sample` is the column and the row of a sample on the
-    canvas, each an array laid out like `triangle`. The depth of a triangle without area is the mean
-    depth of its corners. With the fill rule "top_left" it has no meaning, as such a triangle covers
-    no sample.
+    canvas, each an array laid out like `triangle`. For a triangle past the guard band, depth leaves
+    its plane outside the triangle, because weights are clamped (`weights_and_depth`). The depth of
+    a triangle without area is the mean depth of its corners. With the fill rule "top_left" it has
+    no meaning, as such a triangle covers no sample.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]
@@ -212,9 +213,10 @@ def weights_and_depth(
 ) -> tuple[tuple[Array, Array, Array], Float[Array, "*samples"]]:
     """Barycentric weights of a triangle's corners at a sample, and the depth of its plane there.
 
-    The weights are affine on the screen, and in the order of the reoriented corners. `area` is the
-    result of `twice_area` for all triangles, and `sample` is as in `depth_at`. The triangle need
-    not cover the sample.
+    The weights are affine on the screen, and in the order of the reoriented corners. Those of
+    corners 1 and 2 are clamped to 0..1 for a triangle past the guard band. `area` is the result of
+    `twice_area` for all triangles, and `sample` is as in `depth_at`. The triangle need not cover
+    the sample.
     """
     # Samples of the first tile are counted from the corner of the canvas.
     tile = jnp.zeros_like(triangle)

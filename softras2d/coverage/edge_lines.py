@@ -59,9 +59,10 @@ class TriangleLines(NamedTuple):
       roundings. For thinner triangles it falls in proportion to the height, down to 0 for triangles
       without area.
     - `mixing`: row k has three weights. In derivatives, the velocity of corner k is replaced by the
-      sum of the velocities of corners 0, 1 and 2 with these weights. For most triangles row k is 1
-      for corner k and 0 for the others. It differs where `thickness` is below 1, and where corners
-      are closer together than a few roundings (`_corner_mixing`).
+      sum of the velocities of corners 0, 1 and 2 with these weights. `NearestWeights` hands the
+      barycentric weight of corner k to the three corners in the same proportions. For most
+      triangles row k is 1 for corner k and 0 for the others. It differs where `thickness` is below
+      1, and where corners are closer together than a few roundings (`_corner_mixing`).
     """
 
     first: EdgeLine

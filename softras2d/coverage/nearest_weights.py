@@ -33,9 +33,9 @@ class NearestWeights(PixelFunction[TriangleLines]):
     """Barycentric weights of corners 1 and 2 at the point of the triangle nearest to a pixel.
 
     It is the point nearest to the pixel's centre. For a triangle without area, it is taken on the
-    edges. In triangles thinner than a pixel the derivatives use a gradient of the weight that is
-    clamped to 1 per pixel, because the pixel's centre stands for more area than the triangle has.
-    The function has no parameter.
+    edges. In triangles thinner than a pixel, and along edges shorter than a pixel, the derivatives
+    use a gradient of the weight that is clamped to 1 per pixel, because the pixel's centre stands
+    for more area than the triangle has. The function has no parameter.
     """
 
     def value(
@@ -43,9 +43,9 @@ class NearestWeights(PixelFunction[TriangleLines]):
     ) -> tuple[Array, ...]:
         """Compute the weights of corners 1 and 2 at the triangle's point nearest to each pixel.
 
-        (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. In triangles
-        thinner than a few roundings the weights are mixed by `TriangleLines.mixing`. `parameter` is
-        not used.
+        (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. Where a
+        triangle is thinner than a few roundings, or two corners are closer than that, the weights
+        are mixed by `TriangleLines.mixing`. `parameter` is not used.
         """
         near = nearest_point(geometry, x, y)
         _, second, third = _weights(near, geometry)

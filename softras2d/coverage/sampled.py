@@ -58,7 +58,8 @@ def edge_word(value: HostOrDeviceArray, right: HostOrDeviceArray) -> HostOrDevic
     """Make words in which bit i is set if `value + i * right >= 0`, for i in 0..31.
 
     `value` is an edge value at the first sample of a row, and `right` its step from sample to
-    sample, of either sign. The word has the samples of the row that are inside the edge.
+    sample, of either sign, both in the ranges that `first_inside` states. The word has the samples
+    of the row that are inside the edge.
     """
     # With a negative step, the samples from some position on are outside: -1 - v + i |step| >= 0.
     flip = right >> 31

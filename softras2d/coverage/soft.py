@@ -58,9 +58,9 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
     ) -> Array:
         """Compute the change of coverage of each pixel as the corners move.
 
-        It is the speed of the nearest point of the boundary, along the edge's inward normal or away
-        from the corner, times the rate of growth that `_growth_rates` gives for a movement in this
-        direction.
+        It is the speed of the nearest point of the boundary, along the edge's inward normal or from
+        the corner towards the pixel's centre, times the rate of growth that `_growth_rates` gives
+        for a movement in this direction. `velocity` is first mixed by `TriangleLines.mixing`.
         """
         near = nearest_point(geometry, x, y)
         edge_rate, corner_rate = _growth_rates(self.profile, geometry, near, parameter)

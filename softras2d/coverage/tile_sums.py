@@ -79,7 +79,8 @@ def for_each_block(
     A block is an array of the indices of slots, whose tiles have `tile_pixels` pixels. Unused
     entries of the last block are the index one past the last slot: `visit` should gather with the
     mode "clip" and write with "drop". If one block holds all slots, they are visited whether they
-    are flagged or not. Returns the total after the last block.
+    are flagged or not. Returns the total after the last block. Not differentiable in reverse mode
+    where there are more slots than in a block.
     """
     slots, length = flags.shape[0], min(_BLOCK, max(_BLOCK_PIXELS // tile_pixels, 1))
     if slots <= length:
@@ -113,8 +114,9 @@ def sum_over_pixels(
     """Sum each of `terms(geometry, parameter, x, y, *pixel_values)` over each slot's pixels.
 
     `terms` is called for one pixel of all slots at a time, with the centre (`x`, `y`) of the pixel,
-    in pixels from the tile's upper left. It returns a list of arrays `[slots]`. Returns the sum of
-    each of these arrays.
+    in pixels from the tile's upper left, and with the pixel's entries of `pixel_values`, each
+    `[slots]`. It returns a list of arrays `[slots]`. Returns the sum of each of these arrays. At
+    least one array of `pixel_values` is needed, as it tells the size of a tile.
     """
     side = tile_side_of(pixel_values[0])
     by_row = [materialized(jnp.transpose)(entry).reshape(side, side, -1) for entry in pixel_values]

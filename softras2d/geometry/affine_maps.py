@@ -57,8 +57,8 @@ def matrix(a: float, b: float, c: float, d: float, e: float, f: float) -> np.nda
 def check_map(map3: Any) -> np.ndarray:
     """Convert a matrix to float64; raise `ValueError` unless it is 3x3, finite and invertible.
 
-    Whether it is invertible is decided after its rows and columns are scaled to comparable size.
-    The returned matrix is not scaled.
+    Whether it is invertible, up to float64 roundings, is decided after its rows and columns are
+    scaled to comparable size. The returned matrix is not scaled. The message names `transform`.
     """
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):

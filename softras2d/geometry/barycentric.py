@@ -1,15 +1,15 @@
 """Barycentric weights from edge functions, accurate on slivers and far from the origin.
 
-The three edge values at a point add up to twice the area of the triangle. The ratio of one edge
-value to this sum is the weight of the corner opposite that edge. Edge values and areas are in the
-unit of `fixed_point`. Corners are those of the triangle reoriented to positive area, in which
-corners 1 and 2 may be exchanged.
+The three edge functions of a triangle add up to twice its area at every point. The ratio of one of
+them to this sum is the weight of the corner opposite that edge. Edge functions and areas are in the
+unit of edge values (`fixed_point`). Corners are those of the triangle reoriented to positive area,
+in which corners 1 and 2 may be exchanged.
 
-The weight of corner 1 or 2 is an edge value times the reciprocal of the sum. The edge value is an
-exact integer (`WrappedValue`) plus a fraction. Converting the integer to a float rounds it once if
-it is below 2^31, and three times otherwise. So these weights have a relative error of a few
-roundings, however thin the triangle is. The weight of corner 0 is 1 minus the two others, so its
-absolute error is a few roundings of 1.
+The weight of corner 1 or 2 is an edge function times the reciprocal of the sum. The edge function
+is an exact integer, the edge value (`WrappedValue`), plus a fraction. Converting the integer to a
+float rounds it once if it is below 2^31, and three times otherwise. So these weights have a
+relative error of a few roundings, however thin the triangle is. The weight of corner 0 is 1 minus
+the two others, so its absolute error is a few roundings of 1.
 """
 
 from collections.abc import Callable
@@ -120,9 +120,10 @@ class AffineWeights(NamedTuple):
     guard band the weight is the value of `plane` instead, clamped to 0..1. The first axis of
     `start`, `right`, `down` and `offset` has corners 1 and 2.
 
-    - `start`, `right`, `down`: integers of the edge function opposite the corner. The edge value at
-      the tile's first sample is `start` plus a multiple of 2^31 plus a fraction
-      (`WrappedValue.split`).
+    - `start`, `right`, `down`: integers of the edge function opposite the corner. The function at
+      the tile's first sample is `start` plus a multiple of 2^31 (`WrappedValue.split`) plus a
+      fraction (`Edge.fraction`). `right` and `down` are its steps to the next sample to
+      the right or below.
     - `scale`: `Weights.per_value`.
     - `offset`: `scale` times the sum of this multiple and this fraction, plus `Weights.offset`.
     - `plane`, `is_far`: as in `Weights`.
@@ -155,10 +156,10 @@ def weights_at(
 ) -> tuple[Float[Array, "*#shape"], Float[Array, "*#shape"]]:
     """Evaluate the barycentric weights of corners 1 and 2 at single samples of a tile.
 
-    `column` and `row` count samples from the tile's first one. The weights may lie outside 0..1 at
-    samples outside the triangle, except for triangles past the guard band, where they are clamped.
-    Both are 1/3 for a triangle without area. The results equal the sums of `weight_sums` with a
-    count of 1, up to a rounding.
+    `column` and `row` count samples from the tile's first one; they broadcast against the slot axes
+    of `terms`. The weights may lie outside 0..1 at samples outside the triangle, except for
+    triangles past the guard band, where they are clamped. Both are 1/3 for a triangle without area.
+    The results equal the sums of `weight_sums` with a count of 1, up to a rounding.
     """
     dtype = terms.scale.dtype
     weights = []

@@ -39,13 +39,13 @@ class Grid(NamedTuple):
         most 2^23 units, but not finer than 2^-18 pixel (`MAX_GRID_BITS`).
 
         - `height`, `width`: size of the canvas, in pixels, 1..16384.
-        - `rate`: number of samples along the side of a pixel.
+        - `rate`: number of samples along the side of a pixel; not checked here.
         - `bits`: asks for a grid unit of 2^-bits pixel instead, at least 8 and at most the default.
           It may be the grid of a larger canvas that is drawn in pieces. The guard band is then made
           so wide that the span of the longer side is exactly 2^23 units, so that few triangles of
           the larger canvas are cut. None means the default.
 
-        Raises `ValueError` for arguments outside these ranges.
+        Raises `ValueError` for a size or `bits` that is no integer or outside its range.
         """
         try:
             height, width = operator.index(height), operator.index(width)
@@ -88,8 +88,9 @@ class Grid(NamedTuple):
 def to_grid(pixels: HostOrDeviceArray, grid: Grid, axis: int) -> HostOrDeviceArray:
     """Convert coordinates from pixels to whole grid units of 2^-bits pixel, as int32.
 
-    Coordinates are first clamped to the guard band, and then rounded, halves to even. `axis` says
-    which coordinates `pixels` holds: 0 for x, 1 for y.
+    Both count from the canvas's upper left. Coordinates are first clamped to the guard band, and
+    then rounded, halves to even. They must not be NaN. `axis` says which coordinates `pixels`
+    holds: 0 for x, 1 for y.
     """
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)

@@ -50,8 +50,8 @@ class GridTriangles(NamedTuple):
     - `left`, `right`, `top`, `bottom`: the bounding box, inclusive; empty (`left > right`) for
       padding (`is_padding`) and for a triangle with a corner that is not finite.
     - `fixed_sign`: 0 for an edge whose line decides which samples are inside. Otherwise the line is
-      ignored, and the edge function is this number everywhere, so that all samples are inside (1)
-      or outside (-1).
+      ignored, and the edge value is this number everywhere, so that all samples are inside (1) or
+      outside (-1).
     """
 
     x: Int[HostOrDeviceArray, "3 triangles"]
@@ -141,7 +141,7 @@ def sign_of_cross(
 ) -> HostOrDeviceArray:
     """Exact sign of the cross product ax by - ay bx, -1, 0 or 1, as int32.
 
-    The arguments are integers of at most 24 bits, so that the products need up to 48 bits.
+    The arguments are int32, below 2^24 in size, so that the products need up to 48 bits.
     """
     f32 = ax.__array_namespace__().float32
     estimate = ax.astype(f32) * by.astype(f32) - ay.astype(f32) * bx.astype(f32)
@@ -300,12 +300,12 @@ def reorient(
 def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) -> Edge:
     """Set up the three edge functions of each triangle, as one `Edge` of arrays `[3, triangles]`.
 
-    Where `GridTriangles.fixed_sign` is not 0, the edge function is this number at every sample.
-    `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples exactly on an edge are inside. With
-    `"top_left"`, they are inside only of an edge that goes up, or to the right along a row. From
-    the edge function of every other edge, which is an integer, 1 is then subtracted before it is
-    divided by 2^k, so that the samples on the edge are outside. Moreover, the edge functions of a
-    triangle without area are then -1 everywhere, so that it covers no sample.
+    Where `GridTriangles.fixed_sign` is not 0, the edge value is this number at every sample, and
+    `Edge.fraction` has no meaning. `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples
+    exactly on an edge are inside. With `"top_left"`, they are inside only of an edge that goes up,
+    or to the right along a row. From the edge function of every other edge, which is an integer, 1
+    is then subtracted before it is divided by 2^k, so that the samples on the edge are outside.
+    Moreover, the edge values of a triangle without area are then -1, so that it covers no sample.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = grid_triangles[:4]

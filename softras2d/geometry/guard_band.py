@@ -70,7 +70,8 @@ class FarTriangles(NamedTuple):
     - `is_far`: whether each triangle reaches past the band. Where this is false, all corners are
       (0, 0), and the orientation is 0.
     - `orientation`: sign of the area of the triangle as the scene gives it; 0 without area.
-    - `x`, `y`: corners in pixels, reoriented to positive area, as double floats `[3, triangles]`.
+    - `x`, `y`: corners in pixels from the canvas's upper left, reoriented to positive area, as
+      double floats `[3, triangles]`.
     """
 
     is_far: Bool[HostOrDeviceArray, " triangles"]

@@ -27,7 +27,8 @@ class Tiling(NamedTuple):
     def one_word_wide(grid: Grid) -> "Tiling":
         """Make the tiles for sampled coverage, in which a row of samples fits one 32-bit word.
 
-        They are 8 pixels high and 32 wide with 1 sample per pixel, and down to 2 x 2 with 256.
+        In pixels, they are 8 high and 32, 16, 10 or 8 wide for a `grid.rate` of 1, 2, 3 or 4, and
+        4 x 4 or 2 x 2 for a rate of 8 or 16. `grid.rate` must be one of these.
         """
         height, width = _PIXELS[grid.rate]
         return Tiling(grid, height, width, -(-grid.height // height), -(-grid.width // width))
@@ -57,7 +58,10 @@ class Tiling(NamedTuple):
         return self.rows * self.height, self.columns * self.width
 
     def crop(self, image: HostOrDeviceArray) -> HostOrDeviceArray:
-        """Cut an image of the size `padded_shape` to the canvas, at the bottom and at the right."""
+        """Cut an image of the size `padded_shape` to the canvas, at the bottom and at the right.
+
+        `image` is `[height, width, ...]`.
+        """
         return image[: self.grid.height, : self.grid.width]
 
     @property

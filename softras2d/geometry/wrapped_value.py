@@ -87,7 +87,7 @@ class WrappedValue(NamedTuple):
     def split(self) -> tuple[HostOrDeviceArray, HostOrDeviceArray]:
         """Split each value into an int32, about 2^30 at most in size, and a multiple of 2^31.
 
-        The multiple is a float, and the sum of the two numbers is the value. If the value is an
+        The multiple is a float32, and the sum of the two numbers is the value. If the value is an
         edge value at a tile's first sample, the steps to any sample of the tile can be added to the
         int32 without wrapping, because they add up to less than 2^30 (`clamped`).
         """

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def checked_integer(name: str, value: Any, minimum: int, maximum: int | None = None) -> int:
-    """Return an argument as a Python integer; raise `ValueError` unless it is in its range.
+    """Return an argument as a Python integer; raise `ValueError` unless it is one in its range.
 
     Integers of NumPy and JAX are accepted too. Booleans are not, and neither are floats, not even
     whole ones, nor traced integers, whose values are unknown.

@@ -37,7 +37,7 @@ def apply_if_any(
 
     Under `jax.vmap` the function is applied to all elements of the batch as soon as one element's
     condition is true. So it must not change the state of an element whose condition is false.
-    Outside a batch this is `jax.lax.cond`.
+    Outside a batch this is `jax.lax.cond`. Differentiable in both modes.
     """
     is_needed = greatest_of_batch(jax.lax.stop_gradient(condition).astype(jnp.int32)) > 0
     return jax.lax.cond(is_needed, function, lambda state: state, state)

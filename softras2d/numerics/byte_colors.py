@@ -20,7 +20,7 @@ def refuse_integer_bytes(name: str, colors: Any) -> None:
     """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
     The message begins with `name`. Under a trace values are not known, so all unsigned integers are
-    refused there as bytes. Floats are not checked.
+    refused there as bytes, and signed ones are accepted. Floats are not checked.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
         return
@@ -36,7 +36,8 @@ def warn_of_bytes(arrays: dict[str, Any]) -> None:
     """Warn of colours that look like bytes, in one `UserWarning` that names their arrays.
 
     `arrays` maps names to colours `[..., 3 or 4]`. They look like bytes if red, green and blue are
-    whole numbers in 0..255, and the largest is above 1.5.
+    whole numbers in 0..255, and the largest is above 1.5, whatever alpha is. Traced colours never
+    do, as their values are not known.
     """
     names = [name for name, colors in arrays.items() if _look_like_bytes(colors)]
     if names:

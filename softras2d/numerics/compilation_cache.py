@@ -7,16 +7,20 @@ import sys
 from pathlib import Path
 
 _MAX_BYTES = 512 * 2**20
-"""Greatest size of the cache, in bytes. JAX itself bounds it only if `filelock` is installed."""
+"""Size of the cache, in bytes, above which `keep_compiled_programs` deletes its oldest programs.
+
+JAX itself bounds the size only if `filelock` is installed.
+"""
 
 
 def keep_compiled_programs() -> None:
     """Make JAX keep compiled programs on disk, so that the next process loads them.
 
     Call it before the first render; the command line does so by itself. The programs are kept in
-    the user's cache folder, if it can be written to. A folder that the user has set
-    (`JAX_COMPILATION_CACHE_DIR`) is left as it is. Several processes may share the cache: JAX
-    compiles again if it cannot read an entry.
+    the user's cache folder, if it can be written to. If that folder has grown beyond 512 MiB, its
+    oldest programs are deleted first. Where the user has set another folder
+    (`JAX_COMPILATION_CACHE_DIR`), this function does nothing. Several processes may share the
+    cache: JAX compiles again if it cannot read an entry.
 
     JAX keeps no program that calls the host, and a program that raises an error on overflow
     (`plan(..., on_overflow="raise")`) does so. Programs with `on_overflow="nan"` or

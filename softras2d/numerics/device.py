@@ -26,8 +26,8 @@ def to_device(value: Any, dtype: Any = None) -> Array:
     """Convert `value` to a JAX array of `dtype`, compiling nothing for host arrays.
 
     A `dtype` of None keeps the dtype of `value`. JAX arrays and tracers that already have the dtype
-    are returned as they are. Without `jax_enable_x64`, 64-bit numbers become 32-bit numbers, as
-    with `jnp.asarray`.
+    are returned as they are; host arrays are always copied. Without `jax_enable_x64`, 64-bit
+    numbers become 32-bit numbers, as with `jnp.asarray`.
     """
     dtype = None if dtype is None else jax.dtypes.canonicalize_dtype(dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype):

@@ -22,9 +22,9 @@ def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Resul
 
     `function` maps a tree of arrays to a tree of arrays, and may not close over traced values. The
     wrapped function has the same values and derivatives; under `jax.vmap` it is a `jax.lax.map`.
-    The gradient of a batch also goes element after element, and calls the function again: storing
-    its intermediate arrays for the complete batch takes longer. A batch of gradients is vectorised
-    as usual.
+    `jax.grad` of a function that calls `jax.vmap` also goes element after element, and calls the
+    function again: storing its intermediate arrays for the complete batch takes longer. `jax.vmap`
+    of a gradient is vectorised as usual.
     """
 
     def call(inputs: Inputs) -> Result:
