@@ -69,7 +69,7 @@ class ReachedTriangles(NamedTuple):
     - `lines`: the lines of edges 0, 1 and 2.
     - `bounds`: the pixels that each triangle may change, by its bounding box; empty for a triangle
       that is not finite.
-    - `area`: twice the signed area, in square pixels.
+    - `area`: twice the signed area, in square pixels; 0 for triangles that are not finite.
     - `orientation`: the sign of the area, -1, 0 or 1; 0 for triangles that are not finite.
     - `finite`: whether all corners are finite.
     """

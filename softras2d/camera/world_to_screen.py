@@ -112,8 +112,9 @@ def project(
     at the far plane or at the borders of the image.
 
     `project` runs on the host, in numpy and float64, and rounds once to float32. It needs concrete
-    values and has no derivatives with respect to them; `textures` and `background` are passed on
-    unchanged.
+    values and has no derivatives with respect to them; `textures` and `background` are only
+    converted to float32.
+
     Raises `ValueError` for shapes, indices and values that a scene cannot have, for a singular
     `view` or `projection`, and if `projection` maps a point beyond its near plane to w <= 0.
     """
