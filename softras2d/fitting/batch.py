@@ -58,7 +58,9 @@ def fit_batch(
       rounding and for the steps at which chunks end.
     - `weights`: `[height, width]` for all targets, or `[images, height, width]`.
     - `start`: one for all targets, or a sequence with one for each.
-    - `resume`: the results of an earlier batch, whose settings and weights are used.
+    - `resume`: the results of an earlier batch, in the order of `targets`; their settings and
+      weights are used.
+    - `palette`: if it is a number of colours, the fit of each image chooses its own.
     - `freeze`: names only; masks are refused.
     - `devices`: devices of JAX, each of which takes an equal share of the images, by the same
       program and without communication. JAX's first device unless given.

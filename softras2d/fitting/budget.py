@@ -57,9 +57,9 @@ class Limits(NamedTuple):
         return Limits(began, None, began + seconds)
 
     def must_start(self) -> bool:
-        """Whether the search for initial triangles has used the share `MAX_START_SHARE` of time.
+        """Whether the share `MAX_START_SHARE` of the time limit has passed since the call began.
 
-        Always False if there is no deadline.
+        The search for initial triangles then ends. Always False if there is no deadline.
         """
         if self.deadline is None:
             return False

@@ -31,12 +31,12 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     """Complete the arguments of `fit`, and convert them to plain Python types where possible.
 
     `settings`: arguments of `fit`, by name, of which `size`, `background` and `palette` may be
-    absent. It is not changed. In the returned dictionary, `shading` and `size` have the defaults of
-    the family in place of None, `softness` is a pair of floats (the same twice for a single
-    number), scalars of NumPy and JAX are Python numbers, and the colours of `palette` and
-    `background` are lists of floats, of which `uint8` values have been divided by 255. Invalid
-    values are not changed, so that `check` can refuse them; an unknown family gets the defaults of
-    layers.
+    absent, and then stay absent. It is not changed. In the returned dictionary, `shading` and
+    `size` have the defaults of the family in place of None, `softness` is a pair of floats (the
+    same twice for a single number), scalars of NumPy and JAX are Python numbers, and the colours of
+    `palette` and `background` are lists of floats, of which `uint8` values have been divided by
+    255. Invalid values are not changed, so that `check` can refuse them; an unknown family gets the
+    defaults of layers.
     """
     normalized = {
         # An array without axes is a scalar of NumPy or JAX.
@@ -65,7 +65,8 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
 def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
     """Raise `ValueError` unless the arguments of `fit` are valid, alone and together.
 
-    - `settings`: the arguments by name, as `normalize` returns them.
+    - `settings`: the arguments by name, as `normalize` returns them, but with `freeze` as the list
+      of names that `steering.normalize_freeze` returns.
     - `steps`, `seconds`: the limits of the fit; None if not given. At most one may be given.
 
     The values of `solver` and `start` are not checked here, but where they are used.

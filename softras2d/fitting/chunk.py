@@ -37,10 +37,10 @@ def advance_fits(
     - `devices`: as in `solve.advance_each`.
 
     If the scene of any fit needs more capacity than its plan has, the chunk is taken again from its
-    beginning, with a larger plan and half as many steps, so that fewer than `steps` steps may be
-    taken. The larger plan has capacity for the unknowns at the beginning of the chunk and for those
-    at the end of each failed attempt. Shorter attempts stay closer to these unknowns, so that this
-    succeeds.
+    beginning, with a larger plan in the `residual` of all fits and half as many steps, so that
+    fewer than `steps` steps may be taken. The larger plan has capacity for the unknowns at the
+    beginning of the chunk and for those at the end of each failed attempt. Shorter attempts stay
+    closer to these unknowns, so that this succeeds.
     """
     for fit in fits:
         _update_colors(fit)

@@ -39,8 +39,10 @@ def best_colors(fn: Residual, y: Any, args: Any, light: LossSpace = "display") -
     - `args`: the second argument of `fn`, its data.
     - `light`: the colour space in which `fn` computes the loss.
 
-    The colours are clipped to 0..1. A Gauss-Newton step that does not lower the sum of squares
-    after clipping is not taken, so that the result may have the given colours, clipped.
+    The colours are clipped to 0..1. Apart from that, colours on which the image does not depend,
+    such as those of hidden triangles, stay as they are. A Gauss-Newton step that does not lower the
+    sum of squares after clipping is not taken, so that the result may have the given colours,
+    clipped.
     """
 
     def residual(colors: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -23,7 +23,7 @@ class Entries:
     After all arrays have been taken, `end` raises an error if others are left, because no fit has
     them.
 
-    - `arrays`: the arrays by name.
+    - `arrays`: the arrays by name. The dictionary itself is not changed.
     - `prefix`: text before the names in error messages, such as `"state."`.
     """
 

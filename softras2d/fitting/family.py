@@ -107,8 +107,8 @@ class AbstractFit(abc.ABC):
     - `request`: the request from which the fit was made.
     - `residual`: the function that the solver minimises. `residual(unknowns, data)` returns `(out,
       (image, outgrown))`. `out` is the residual of least squares, or the scalar loss; `image` is
-      the image of these unknowns; and `outgrown` says whether their scene needs more capacity than
-      the plan has, so that triangles are missing in the image.
+      the image of these unknowns, with straight alpha; and `outgrown` says whether their scene
+      needs more capacity than the plan has, so that triangles are missing in the image.
     - `data`: the arrays besides the unknowns on which the residual depends. They may change between
       chunks without compiling again.
     - `progress`: the unknowns, the solver's state and the number of steps.
@@ -144,8 +144,9 @@ class AbstractFit(abc.ABC):
     def scene(self, *, padded: bool = False) -> Scene:
         """The scene with the least loss so far, in pixels of the fit.
 
-        It is the scene of the present unknowns if no loss is known yet. If the fit has a palette,
-        all triangles have colours of the palette.
+        It is the scene of the present unknowns if no loss is known yet. Unknowns that were best
+        before the loss itself changed, as by sharper soft edges, do not count. If the fit has a
+        palette, all triangles have colours of the palette.
 
         `padded`: keep the spare triangles, which are not visible, so that all scenes of a fit have
         the same shapes and share a compiled program.

@@ -59,7 +59,8 @@ def fit(
 
     - `target`: `[height, width, 3 or 4]` floats in 0..1 with straight alpha, as `read_image` gives
       them. Or grey, `[height, width]` or `[height, width, 1]`; `uint8`, which stands for 0..255; or
-      booleans. Colours above 1 (HDR) are fitted as 1, with a warning.
+      booleans. Colours above 1 (HDR) are fitted as 1, with a warning. An alpha channel that is 1
+      everywhere is dropped, unless `background` is `"transparent"`.
     - `triangles`: maximum number of triangles.
     - `family`: `"layers"`, free triangles drawn over each other and over a background; or `"mesh"`,
       triangles that share vertices and tile the canvas.
@@ -78,7 +79,8 @@ def fit(
       default is `"flat"` for layers and `"gouraud"` for a mesh.
     - `translucent`: also fit the opacity of each triangle; for layers alone.
     - `softness`: width of the soft edges of layers (`Soft.width`), in pixels of the fit, at most
-      64; or a pair, the width at the start and the width from the middle of the fit on.
+      64; or a pair, the width at the start and the width from the middle of the fit on. In between
+      it changes geometrically.
     - `colors`: `"together"`, the solver changes colours and geometry together. With squared error,
       colours can also be solved for by linear least squares: with `"solve"`, before each chunk of
       steps and at the end; with `"polish"`, only at the end. A chunk is a number of solver steps
@@ -90,7 +92,7 @@ def fit(
       values.
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, 0 or more: factors for the squared or absolute error of each
-      pixel. They are divided by their mean. A function as `loss` takes none.
+      pixel of the target. They are divided by their mean. A function as `loss` takes none.
     - `start`: with `"error"`, triangles of layers are added during the fit where the error is
       largest, and vertices of a mesh are inserted there before the first step; during the fit,
       those that matter least are replaced by new ones there. With any other start, all triangles
@@ -103,13 +105,15 @@ def fit(
     - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these.
       Or a mapping, which may have these names with the value True, and `"triangles"` or, for a
       mesh, `"vertices"` with a boolean mask of the triangles or vertices of the scene or mesh to
-      start from. A frozen vertex keeps its position and colour; a frozen triangle keeps its corners
-      and colours. With `start="error"`, new triangles are still added to layers. Their positions,
-      colours or opacity, if frozen, do not change after that. No triangle is replaced by a new one.
+      start from. A frozen vertex keeps its position and colour; a frozen triangle keeps its
+      corners, colours and opacity. With `start="error"`, new triangles are still added to layers.
+      Their positions, colours or opacity, if frozen, do not change after that. No triangle is
+      replaced by a new one.
     - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
       there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
       colour is fitted, for opaque targets. A colour, RGB in 0..1, is not changed. `"transparent"`:
-      nothing is behind the layers, and an opaque target gets an alpha of 1.
+      nothing is behind the layers, and an opaque target gets an alpha of 1. A mesh, which hides
+      any background, takes only `"mean"`.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `callback`: called with the current scene and a `ProgressReport` after each chunk of steps. It
       may return another scene, from which the fit then continues: see below.
@@ -117,8 +121,9 @@ def fit(
       settings and weights of the earlier fit. Only the arguments `steps`, `seconds`, `report`,
       `callback` and `checkpoint` of this call are used. If the earlier fit had a function as `loss`
       or a solver object, hand it over again.
-    - `checkpoint`: path of an `.npz` to write every half minute, from which the fit can be resumed.
-      A checkpoint that cannot be written is a warning.
+    - `checkpoint`: path of an `.npz` to write every half minute. What `FitResult.load` reads from
+      it is a value for `resume`. At the end of the fit it is written only after Ctrl-C. A
+      checkpoint that cannot be written is a warning.
 
     **A function as `loss`** gets two float32 images `[height, width, 3 or 4]` of the size of the
     fit, in the colour space `light`, premultiplied if they have alpha. It is traced by JAX, and
@@ -137,9 +142,11 @@ def fit(
     **A `callback`** gets a scene in pixels of the target, with the triangles in use so far. The
     scene that it returns must have the same shapes and `triangles`, and finite numbers. The fit
     continues from that scene, and forgets the best scene before it; a scene that is returned after
-    the last chunk is the result. What is frozen stays, and the vertices of a mesh move only as far
-    as no triangle is flipped. An exception from the callback ends the fit and is passed on. This
-    callback makes the second half of the triangles mirror images of the first half:
+    the last chunk is the result, with other colours if `colors` has them solved for at the end.
+    What is frozen stays, and the vertices of a mesh move only as far as no triangle is flipped. An
+    exception from `callback` or `report` ends the fit and is passed on, except a
+    `KeyboardInterrupt`, which ends it as a first Ctrl-C does. This callback makes the second half
+    of the triangles mirror images of the first half:
 
     ```python
     def symmetric(scene, report):
@@ -218,9 +225,10 @@ def _fit_to_the_end(
 
 
 def _check_checkpoint(path: Path) -> None:
-    """Raise `ValueError` unless the file `path` ends in .npz and can be written.
+    """Raise `ValueError` unless `path` ends in .npz, in a folder that exists, and is no folder.
 
-    `fit` calls this before its first step, so that no work is lost.
+    `fit` calls this before its first step, so that no work is lost. The file is not touched, so
+    that it may still turn out not to be writable.
     """
     if path.suffix.lower() != ".npz":
         raise ValueError(f"{path}: the suffix of a checkpoint must be .npz.")

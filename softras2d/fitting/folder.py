@@ -5,8 +5,9 @@ to a size class first: its longer side is a power of two (or the size of the fit
 side a multiple of a sixteenth of that. The fitted scene is stretched back to the picture's size.
 
 Pictures of one size class are fitted in batches of a fixed number. Which pictures share a batch
-depends on the folder alone. It does not depend on which pictures are fitted already, or on how many
-processes share the work. Neither do the results depend on that, if the limit is a number of steps.
+depends on the folder, the size of the fit and that number alone. It does not depend on which
+pictures are fitted already, or on how many processes share the work. Neither do the results depend
+on that, if the limit is a number of steps.
 """
 
 import json
@@ -46,7 +47,7 @@ class SizeClass(NamedTuple):
 class Batch(NamedTuple):
     """Pictures that are fitted together, by one call of `fit_batch`.
 
-    - `number`: index of the batch, in an order that depends on the folder alone.
+    - `number`: index of the batch in the list that `make_batches` returns.
     - `size`: the size in pixels to which its pictures are shrunk.
     - `pictures`: the files of the pictures.
     - `first_index`: index of its first picture among the pictures of all batches. The seed of a
@@ -79,12 +80,15 @@ class Fitted(NamedTuple):
 
 
 def size_class(height: int, width: int, size: int) -> SizeClass:
-    """Choose the largest size class in which neither side is longer than in the picture.
+    """Choose the size class to which a picture is shrunk, of about the picture's aspect ratio.
+
+    Neither side is longer than in the picture. The longer side of the class is the largest that
+    allows this, of `size` and the powers of two below it. The shorter side is k sixteenths of it,
+    rounded down, and at least 1 pixel. Here k is 16 times the aspect ratio of the picture (shorter
+    by longer side), rounded down, and at least 1.
 
     - `height`, `width`: size of the picture in pixels.
-    - `size`: largest number of pixels along the longer side of the class. The longer side is
-      `size`, or a smaller power of two. The shorter side is a multiple of a sixteenth of it,
-      rounded down, and at least 1 pixel.
+    - `size`: largest number of pixels along the longer side of the class.
     """
     longer, shorter = max(height, width), min(height, width)
     side = size
@@ -166,7 +170,7 @@ def fit_pictures(
     - `compiles_first`: whether programs are compiled before the fit, by a fit of one step, so that
       a limit of `seconds` counts fitting alone.
     - `devices`: as in `fit_batch`.
-    - `settings`: other arguments of `fit_batch`.
+    - `settings`: other arguments of `fit_batch`. `size` should be that of `make_batches`.
 
     Yields the scores of each picture as soon as both of its files are written. A picture that had
     both files before is not yielded, and its files are not written. Raises `KeyboardInterrupt`
@@ -211,8 +215,8 @@ def is_done(picture: Path, folder: Path) -> bool:
 def read_fitted(picture: Path, folder: Path) -> Fitted:
     """Read the scores and settings of a picture that was fitted before, from its report NAME.json.
 
-    `folder` has the report. In reports of older versions, the only setting is the number of
-    triangles. Raises `ValueError` if the file is not such a report.
+    `folder` has the report, which must exist. In reports of older versions, the only setting is the
+    number of triangles. Raises `ValueError` if the file is not such a report.
     """
     path = folder / f"{picture.stem}.json"
     try:
@@ -226,7 +230,8 @@ def read_fitted(picture: Path, folder: Path) -> Fitted:
 def changed_settings(fitted: Fitted, settings: Mapping[str, Any]) -> list[str]:
     """Names of the settings with which a picture was fitted that now have other values.
 
-    `settings`: the current values of all settings that reports hold, by name.
+    Settings that are missing in `fitted` do not count. `settings`: the current values of all
+    settings that reports hold, by name.
     """
     return [
         name
@@ -238,7 +243,10 @@ def changed_settings(fitted: Fitted, settings: Mapping[str, Any]) -> list[str]:
 def shrunken(
     image: Float[np.ndarray, "rows columns channels"], size: SizeClass
 ) -> Float[np.ndarray, "height width 3"]:
-    """Composite a picture over white if it has alpha, and shrink it to its size class."""
+    """Composite a picture over white if it has alpha, and shrink it to its size class.
+
+    `image`: sRGB values with straight alpha, which are composited and averaged as they are.
+    """
     if image.shape[-1] == 4:
         alpha = image[..., 3:]
         image = image[..., :3] * alpha + (1 - alpha)

@@ -62,10 +62,11 @@ def fit_frames(
     - `steps`, `frame_steps`: solver steps of the first frame, and of each later one.
     - `temporal`: weight of the squared change of each pixel from the fitted frame before, relative
       to its squared error against the target. The weight applies where the target stands still,
-      and falls to 1/e where a channel of the target changes by 8 levels of 255. With 0, frames are
-      fitted without regard to each other, and flicker.
+      and falls to 1/e where a channel of the target changes by 8 levels of 255. With 0, a frame
+      starts from the frame before, but is not kept similar to it, and the film flickers.
     - `report`: called with the number of a frame, from 0, and its result.
-    - The other arguments are as in `fit`. The solver is Adam, and the loss squared error.
+    - The other arguments are as in `fit`. The solver is Adam, and the loss squared error. The
+      background of all frames is transparent if they have alpha, else the mean colour of the first.
 
     Results have no state, so that they cannot be resumed. The first Ctrl-C ends the fit with the
     frames that are done. Raises `ValueError`, one line, for arguments that make no sense.
@@ -116,7 +117,7 @@ class _Film:
 
     - `targets`: the frames, as images of one shape.
     - `settings`: the arguments of `fit`, checked and completed by `choices`.
-    - `results`: the results of the frames that are done, in order.
+    - `results`: the results of the frames that are done, in order; the caller appends them.
 
     With squared error, a temporal weight needs no other loss. Let I, T and P be the values of one
     pixel in the image, in the target and in the fitted frame before. For an error w (I - T)^2 and a
@@ -153,8 +154,9 @@ class _Film:
     def fit_next(self, number: int, steps: int, temporal: float) -> None:
         """Fit frame `number`, 1 or more, in `steps` steps, from the triangles of the frame before.
 
-        The history is replaced by one record, of this frame alone. `temporal`: weight of the
-        squared change of a pixel where the target stands still, relative to its squared error.
+        The history is replaced by one record. Its steps are those of this frame alone, but its
+        seconds count from the beginning of the first frame. `temporal`: weight of the squared
+        change of a pixel where the target stands still, relative to its squared error.
         """
         fit, task = self._fit, self._task
         before, target = (

@@ -21,8 +21,8 @@ def deferred_interrupt() -> Iterator[Interrupt]:
 
     Yields an `Interrupt`, which the block must look at in order to end in time. A second Ctrl-C
     raises `KeyboardInterrupt`. At the end of the block, the earlier signal handler is restored. In
-    threads other than the main thread nothing is recorded, because
-    Python delivers Ctrl-C to the main thread alone.
+    threads other than the main thread nothing is recorded, because Python delivers Ctrl-C to the
+    main thread alone.
     """
     interrupt = Interrupt()
     if threading.current_thread() is not threading.main_thread():

@@ -37,7 +37,7 @@ class ProgressReport(NamedTuple):
       area.
     - `saved_psnr`: PSNR, in dB, of the result if the fit ended now. It is computed from time to
       time in another thread. The field has the last value that was computed, and NaN before the
-      first.
+      first. A fit with a limit of steps and no `report` computes none.
     """
 
     record: Record

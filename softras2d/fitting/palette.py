@@ -63,7 +63,7 @@ With second-order solvers, the solve restarts after each change."""
 class Quantized(NamedTuple):
     """The colours that `quantize` chose, each channel in 0..1.
 
-    - `colors`: the colour of each triangle, which is one of the palette.
+    - `colors`: the colour of each triangle, spare ones included, which is one of the palette.
     - `palette`: the palette, which `quantize` has improved if it was told so.
     - `background`: a colour of the palette if `quantize` was told so, else the unchanged
       background.
@@ -88,7 +88,8 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
 
     A pixel counts in proportion to its weight and to its alpha. K-means runs several times on a
     random sample of the pixels, and the palette with the least sum of squared distances is
-    returned. `seed`: seed of the random choices.
+    returned. If the sample has fewer than `count` colours, some occur twice in the palette. `seed`:
+    seed of the random choices.
     """
     rng = np.random.default_rng(seed)
     weight = np.ones(target.image.shape[:2]) if target.weights is None else target.weights

@@ -149,7 +149,8 @@ def check_images(targets: Sequence[Any], *, transparent: bool = False) -> list[I
 def check_resume(resume: Any, target: Image) -> None:
     """Raise `ValueError` unless `resume` is the result of a fit that can be resumed with `target`.
 
-    Of the target, only the size is compared here; `state.restore_state` compares its values.
+    The result must have a state, and its settings and all arrays of the state must be valid. Of the
+    target, only the size is compared here; `state.restore_state` compares its values.
     """
     if not isinstance(resume, FitResult):
         raise ValueError(f"`resume` must be the result of an earlier fit; got {resume!r:.60}.")

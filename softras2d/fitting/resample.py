@@ -12,9 +12,10 @@ def shrink(
 ) -> Float[np.ndarray, "{height} {width} channels"]:
     """Shrink an image to `height` x `width` pixels by exact means, for any ratio of the sizes.
 
-    Each old pixel is a square of constant colour. If there are four channels, the last is straight
-    alpha, and colours are weighted by it; colours are 0 where the mean alpha is 0. An image that
-    has the requested size is returned unchanged.
+    Neither may exceed the size of the image. The result has the image's type. Each old pixel is a
+    square of constant colour. If there are four channels, the last is straight alpha, and colours
+    are weighted by it; colours are 0 where the mean alpha is 0. An image that has the requested
+    size is returned unchanged.
     """
     if image.shape[:2] == (height, width):
         return image

@@ -52,7 +52,7 @@ class FitResult:
       with straight alpha.
     - `psnr` (dB; infinite if equal), `ssim`: scores of `image` against the target, from sRGB
       values.
-    - `history`: one record for each chunk of steps.
+    - `history`: one record for each chunk of steps, including those of the fits that were resumed.
     - `settings`: the arguments of the fit, in types that JSON has.
     - `interrupted`: whether Ctrl-C ended the fit.
     - `state`: arrays by name, from which `fit(..., resume=)` continues; empty if it cannot.
@@ -95,8 +95,9 @@ class FitResult:
     def report(self) -> dict[str, Any]:
         """Return settings, scores, history, versions and machine, in types that JSON has.
 
-        The dictionary also has the size in pixels, the numbers of triangles, steps and seconds, and
-        whether the fit was interrupted. Numbers that are not finite, such as the PSNR of equal
+        The keys are `settings`, `height`, `width` (in pixels), `triangles` (their number), `psnr`
+        (dB), `ssim`, `steps`, `seconds`, `interrupted`, `versions`, `machine` and `history`, a list
+        of records as dictionaries. Numbers that are not finite, such as the PSNR of equal
         images, are None.
         """
         last = self.history[-1] if self.history else Record(0, 0.0, -np.inf, 0.0, 0, 0)

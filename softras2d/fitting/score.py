@@ -83,7 +83,8 @@ class Scorer:
     def share_plan(self, other: "Scorer") -> None:
         """Take over the plan of another scorer, whose target has the same size.
 
-        A plan fixes the sizes of arrays for drawing, so both scorers then share a program.
+        A plan fixes the sizes of arrays for drawing, so both scorers then share a program. A scorer
+        makes its plan when it first draws a scene, so `other` should have drawn one.
         """
         self._plan = other._plan
 

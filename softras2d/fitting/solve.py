@@ -44,7 +44,8 @@ class Progress(NamedTuple):
     def best(self) -> Any:
         """The unknowns with the least loss of all that the solver has evaluated.
 
-        After `forget_best`, only later evaluations count.
+        After `forget_best`, only later evaluations count. While `best_loss` is infinite, this value
+        has no meaning, and the caller should use `y`.
         """
         return self.state.best_y
 

@@ -43,7 +43,7 @@ class Task:
 
     The constructor takes these arguments besides `target` and `settings`:
 
-    - `resume`: the result of the fit that is resumed, or None for a new fit.
+    - `resume`: the result of the fit that is resumed, whose state is restored; None for a new fit.
     - `must_start()`: returns whether the search for initial triangles must end with what it has.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
     """

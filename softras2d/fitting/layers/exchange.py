@@ -27,6 +27,8 @@ _NEW_OPACITY = 0.9
 class Replacement(NamedTuple):
     """A change of the triangles of a fit: they are reordered, then some are replaced by new ones.
 
+    The order in the arrays is the draw order, back to front.
+
     - `order`: for each index in the new order, the index of the triangle in the old order, for all
       triangles in the arrays. Spare triangles, which are not in use, come last in both.
     - `first_replaced`: index, in the new order, of the first triangle that is replaced.

@@ -61,9 +61,8 @@ def find_new_triangles(
 
     The centres of candidates are drawn at random, in proportion to the blurred squared error. Each
     candidate has the weighted mean colour of the target inside it, or, with a palette, the nearest
-    colour of the palette. The chosen ones hardly overlap,
-    so that their gains add up. Fewer than `count`, or none, are returned if too few candidates
-    lower the error.
+    colour of the palette. The chosen ones hardly overlap, so that their gains add up. Fewer than
+    `count`, or none, are returned if too few candidates lower the error.
 
     - `rng`: source of the random choices.
     - `image`, `target`: sRGB, or premultiplied sRGB with alpha as the fourth channel.

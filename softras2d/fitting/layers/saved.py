@@ -24,8 +24,8 @@ def pack(
       They are saved as the arrays `kept` and `kept.0`, `kept.1`, ..., which are absent for None.
     - `overshoot`: how far corners may lie outside the canvas, as in `canvas.near_canvas`. It is
       saved as the array `beyond`.
-    - `width`: the width of soft edges, in pixels of the fit.
-    - `background`: the colour of the background, with straight alpha.
+    - `width`: the width of soft edges, in pixels of the fit, saved as the array `width`.
+    - `background`: the background, with straight alpha, saved as the array `background`.
     - `rng`: the random generator, whose state is saved as JSON in the array `random`.
     """
     arrays: dict[str, np.ndarray] = {}

@@ -57,10 +57,10 @@ def triangles_to_add(share: float, active: int, total: int) -> int:
 
 
 def is_exchange_due(share: float, last_exchange: float) -> bool:
-    """Whether triangles are to be exchanged at the share `share` of the fit that is done, 0..1.
+    """Whether an exchange is due at the share `share` of the fit that is done, 0..1.
 
-    That is so before `_LAST_EXCHANGE`, once `_EXCHANGE_INTERVAL` has passed since the last
-    exchange.
+    The caller makes it only if all triangles are in use. An exchange is due before
+    `_LAST_EXCHANGE`, once `_EXCHANGE_INTERVAL` has passed since the last exchange.
 
     `last_exchange`: the share at the last exchange; 0 if there was none.
     """
@@ -70,7 +70,8 @@ def is_exchange_due(share: float, last_exchange: float) -> bool:
 def triangles_to_exchange(share: float, total: int) -> int:
     """Largest number of triangles, of `total`, to exchange at this share of the fit; at least 1.
 
-    It falls linearly to 1 as `share`, the share of the fit that is done, grows from 0 to 1.
+    It falls linearly from `_FIRST_EXCHANGE_SHARE * total` to 1 as `share`, the share of the fit
+    that is done, grows from 0 to 1.
     """
     return max(1, int(total * _FIRST_EXCHANGE_SHARE * (1 - share)))
 

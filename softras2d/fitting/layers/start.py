@@ -77,8 +77,10 @@ def background_of(
 
     `option` is the value of the option `background`. A colour is returned, with alpha 1 if the
     target has alpha; `"transparent"` gives zeros. For `"mean"` and `"fit"`, the background is that
-    of `start` if this is a scene. Otherwise it is transparent if the target has alpha, and else the
-    weighted mean colour of the target. Raises `ValueError` for `"fit"` and a target with alpha.
+    of `start` if this is a scene; if the target has no alpha, that of the scene is dropped, and if
+    only the target has alpha, an alpha of 1 is added. Otherwise it is transparent if the target has
+    alpha, and else the weighted mean colour of the target. Raises `ValueError` for `"fit"` and a
+    target with alpha.
     """
     channels = target.image.shape[-1]
     if isinstance(option, list):

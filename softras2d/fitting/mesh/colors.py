@@ -79,8 +79,9 @@ def color_moments(
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
     """Compute the colours of least squared error at the pixel centres, not clipped to 0..1.
 
-    Where the pixels do not determine a colour, a vertex takes the colour of the pixel under it, and
-    a triangle gets one colour at all corners.
+    Where the pixels do not determine a colour, a vertex takes the colour of the pixel under it; a
+    triangle takes, at all corners, the mean colour of its pixels or, if it has none, the colour of
+    the pixel under its centroid.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model of the result.

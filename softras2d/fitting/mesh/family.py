@@ -205,7 +205,8 @@ class MeshFit(AbstractFit):
 
         Vertices move only as far as no triangle is flipped, and frozen colours stay. If triangles
         already have colours of the palette, each colour is replaced by the nearest colour of the
-        palette. The best unknowns so far are forgotten.
+        palette. If vertices have colours, each takes that of the last corner at it in `scene`. The
+        best unknowns so far are forgotten.
         """
         mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
         positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)

@@ -9,7 +9,7 @@ from .triangulation import Mesh, check_tiling
 
 
 def max_vertices(settings: dict[str, Any]) -> int:
-    """Number of vertices with which a mesh never has more triangles than the settings allow.
+    """Largest number of vertices with which no mesh has more triangles than the settings allow.
 
     A mesh of v vertices has 2 v - 6 triangles if only four lie on its border, and fewer if more do.
     Four vertices, and so two triangles, are always allowed. `settings`: the arguments of `fit`.
