@@ -49,7 +49,7 @@ _BOUND_COUNT, _ROUNDS_PER_BOUND = 2, 4
 the fit chooses the palette, rounds of k-means for each bound."""
 
 _LEAST_WEIGHT = 1e-6
-"""Least curvature of a triangle's parabola; with less, the colour of the triangle is not changed.
+"""Least curvature of a triangle's parabola; with less, its present colour counts as its best.
 
 The curvature is about the number of pixels in which the triangle is visible."""
 

@@ -29,7 +29,7 @@ class Record(NamedTuple):
     - `steps`, `seconds`: numbers of steps and seconds since the fit began, including those of the
       fits that were resumed.
     - `psnr` (dB), `ssim`: scores of the image of the last step against the target, from sRGB
-      values, at the size and with the coverage of the fit.
+      values, premultiplied if there is alpha, at the size and with the coverage of the fit.
     - `accepted`: number of steps, of `steps`, whose loss was below all earlier losses in the same
       call of `fit`.
     - `active`: number of triangles in use.
@@ -51,7 +51,7 @@ class FitResult:
     - `image`: the scene drawn in hard mode with 16 samples per pixel, `[height, width, channels]`,
       with straight alpha.
     - `psnr` (dB; infinite if equal), `ssim`: scores of `image` against the target, from sRGB
-      values.
+      values, which are premultiplied if there is alpha.
     - `history`: one record for each chunk of steps, including those of the fits that were resumed.
     - `settings`: the arguments of the fit, in types that JSON has.
     - `interrupted`: whether Ctrl-C ended the fit.
