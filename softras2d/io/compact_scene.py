@@ -43,7 +43,7 @@ _MARK = b"softras2"
 _HEADER = struct.Struct("<IIIIHBBBB2x")
 
 _MAX_COUNT = 2**24
-"""Maximum number of vertices, and of triangles, of a file that is read."""
+"""Maximum number of vertices, and of triangles, of a file."""
 
 _MAX_STEPS = 1024
 """Maximum number of steps per pixel in which positions are counted."""
@@ -118,8 +118,11 @@ def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> byte
     """Make the bytes of a file, as the top of this module describes them.
 
     The arguments are as for `write_compact`. Raises `ValueError` for positions that are not finite,
-    or 2^30 steps or more from the origin.
+    or 2^30 steps or more from the origin, and for more than `_MAX_COUNT` vertices or triangles.
     """
+    for name, count in (("vertices", len(scene.positions)), ("triangles", len(scene.triangles))):
+        if count > _MAX_COUNT:
+            raise ValueError(f"a compact file has at most {_MAX_COUNT:,} {name}; got {count:,}.")
     positions = np.rint(np.asarray(scene.positions, np.float64) * steps_per_pixel)
     if not (np.abs(positions) < 2**30).all():
         raise ValueError("positions must be finite and within 2^30 steps of the canvas.")

@@ -76,7 +76,7 @@ def test_hostile_files_are_refused(tmp_path):
         sr.read_compact(tmp_path / "none.s2d")
 
 
-def test_what_cannot_be_stored_is_refused(tmp_path):
+def test_what_cannot_be_stored_is_refused(tmp_path, monkeypatch):
     path, scene = tmp_path / "a.s2d", soup()
     deep = replace(scene, depth=scene.positions[:, 0])
     with pytest.raises(ValueError, match="has no `depth`"):
@@ -93,4 +93,7 @@ def test_what_cannot_be_stored_is_refused(tmp_path):
     far = sr.Scene.from_soup([[[0, 0], [1e9, 0], [0, 1]]], [[0, 0, 0]])
     with pytest.raises(ValueError, match="within 2\\^30 steps"):
         sr.write_compact(path, far, height=30, width=40)
+    monkeypatch.setattr("softras2d.io.compact_scene._MAX_COUNT", 3)
+    with pytest.raises(ValueError, match="at most 3 vertices; got"):
+        sr.write_compact(path, scene, height=30, width=40)
     assert not path.exists()

@@ -6,6 +6,7 @@ Renderers need only plain SVG 1.1. Elements that need a blend mode are hidden, u
 sheet finds that the renderer supports the mode.
 """
 
+import math
 from collections import defaultdict
 from typing import NamedTuple
 
@@ -75,7 +76,7 @@ def elements_for_browsers(
     Browsers do not show a triangle for which neither flag is true, so nothing is made for it.
     """
     # The coordinates are rounded to about 1e-5 of the canvas: much less than a pixel, and short.
-    decimals = max(1, 5 - len(str(max(height, width) - 1)))
+    decimals = max(1, 5 - len(str(math.ceil(max(height, width)) - 1)))
     coordinates = _decimal_texts(corners, decimals)
     is_opaque = (colors[..., 3:] == 1).all(axis=(1, 2))
     opaque = np.flatnonzero(is_opaque & (is_polygon | has_gradients))

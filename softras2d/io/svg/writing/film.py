@@ -56,7 +56,9 @@ def write_svg_film(
             check_scene(scene, absent=("textures", "depth", "inverse_w"))
         except ValueError as error:
             raise ValueError(f"{path}: frame {number}: {error}") from None
-    shapes = {(scene.triangles.shape, scene.colors.shape) for scene in scenes}
+    shapes = {
+        (scene.triangles.shape, scene.colors.shape, scene.background.shape) for scene in scenes
+    }
     if len(shapes) != 1:
         raise ValueError(
             f"{path}: the arrays of all scenes must have equal shapes; got {len(shapes)} shapes."

@@ -75,6 +75,7 @@ BATCH = [jax.tree.map(lambda *arrays: jnp.stack(arrays), FIRST, SECOND)]
         ({"scenes": BATCH}, "frame 0: an SVG shows one scene, not a batch"),
         ({"seconds_per_frame": 0.0}, "`seconds_per_frame` must be above 0"),
         ({"scenes": [*film(2), sr.Scene.from_soup([], [])]}, "equal shapes"),
+        ({"scenes": [FIRST, replace(SECOND, background=jnp.zeros(4))]}, "equal shapes"),
     ],
 )
 def test_errors(tmp_path, change, message):
