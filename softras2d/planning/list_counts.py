@@ -143,7 +143,8 @@ def _project(
 ) -> tuple[Corners, GridTriangles, Edges, SampleBounds]:
     """Snap and orient the triangles of a scene on the host, and cut them to the guard band.
 
-    Returns their corners, directed edges, edge functions and sample bounds.
+    Returns the corners of the scene's triangles before they are cut, and the directed edges, edge
+    functions and sample bounds of the reoriented triangles.
     """
     return project(scene.positions, scene.triangles, origin, grid, coverage.fill_rule, cut=True)[:4]
 

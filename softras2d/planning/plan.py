@@ -32,8 +32,8 @@ class Plan(eqx.Module):
     - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     - `capacity`: how long each list of a render may become.
     - `side`: side of the square tiles of analytic coverage, in pixels; 0 under sampled coverage.
-    - `lists_all`: whether every tile lists every triangle, so that no positions can outgrow the
-      plan, whatever the number of triangles. `capacity` is then for the scenes planned for, and
+    - `lists_all`: whether every tile lists every triangle, so that no list can be too short,
+      whatever the number of triangles. `capacity` is then for the scenes planned for, and
       `capacity_of` computes it for other numbers of triangles.
     - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need.
     - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
@@ -106,8 +106,8 @@ class Plan(eqx.Module):
     def holds(self, other: "Plan") -> bool:
         """Whether this plan is large enough for all scenes for which the plan `other` is.
 
-        The two plans must be of the same canvas and options. The answer is false for plans that
-        cannot be compared, because their tiles or chunks differ in size.
+        The two plans must be of the same canvas and options: this is not checked. The answer is
+        false for plans that cannot be compared, because their tiles or chunks differ in size.
         """
         if other.cuts_far_triangles and not self.cuts_far_triangles:
             return False

@@ -15,8 +15,11 @@ from .simplify_textures import base_is_enough, used_textures
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
     """Remove from a scene what does not show on a canvas of `height` x `width` pixels.
 
-    The result draws the same image with less work. The decisions are based on concrete values, on
-    the host, for a plan with `origin` (0, 0). Removed are:
+    The result draws the same image with less work under `Hard` and `Area("over")`. Under `Soft` the
+    image may change, because soft edges reach into the canvas from beyond it and depth mixes
+    colours. Under `Area("sum")` it may change if triangles with most of the area are removed, as
+    the sum of all areas decides which triangles are subtracted. The decisions are based on concrete
+    values, on the host, for a plan with `origin` (0, 0). Removed are:
 
     - triangles that do not reach the canvas and, without depth, triangles of alpha 0;
     - depth that changes nothing, because no triangle lies deeper than one drawn before it;
@@ -82,7 +85,10 @@ def _with_textures_used(scene: Scene, grid: Grid, filter: Filter | None) -> Scen
 
 
 def _reaches_canvas(scene: Scene, height: int, width: int) -> np.ndarray:
-    """Whether the bounding box of each triangle meets the closed canvas, `[triangles]`."""
+    """Whether the bounding box of each triangle meets the closed canvas, `[triangles]`.
+
+    The reach of soft edges is not added.
+    """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low, high = corners.min(1), corners.max(1)
     return ((high >= 0) & (low <= (width, height))).all(1)

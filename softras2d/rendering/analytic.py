@@ -129,8 +129,8 @@ class AnalyticMode(CoverageMode):
         """Compute the geometry that the functions of `pixel_functions` take.
 
         - `corners`: x and y of corner 0, then of corners 1 and 2, of each slot's triangle, in
-          pixels and in positive orientation.
-        - `tile`: x and y of the upper left of each slot's tile, in pixels.
+          pixels from the canvas's upper left and in positive orientation.
+        - `tile`: x and y of the upper left of each slot's tile, in the same pixels.
         - `lines`: edge lines of each slot's triangle.
         - `tile_side`: pixels along a side of a tile.
         """
@@ -310,11 +310,12 @@ def _to_image(
 def _slot_corners(
     corners: Float[Array, "triangles 3 2"], triangles: ReachedTriangles, chunks: Chunks
 ) -> Float[Array, "6 slots"]:
-    """Gather the corners of each slot's triangle in positive orientation, in pixels.
+    """Gather the corners of each slot's triangle in positive orientation.
 
-    The rows of the result are x and y of corner 0, then of corners 1 and 2. Coordinates are clamped
-    to `_FARTHEST` in size. An empty slot has a triangle without area, far outside the canvas. A
-    triangle with a corner that is not finite has all corners at (0, 0).
+    The rows of the result are x and y of corner 0, then of corners 1 and 2. Like `corners` they are
+    in pixels from the canvas's upper left. They are clamped to `_FARTHEST` in size. An empty slot
+    has a triangle without area, far outside the canvas. A triangle with a corner that is not finite
+    has all corners at (0, 0).
     """
     triangle = chunks.triangle.reshape(-1)
     clamped = jnp.where(triangles.finite[:, None, None], corners, 0.0)

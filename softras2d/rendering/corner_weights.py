@@ -93,7 +93,8 @@ def uv_change(
     """Change of interpolated (u, v) for a step of one pixel, at given points of triangles.
 
     - `triangle`: the triangle of each point; -1 counts as 0.
-    - `weights`: barycentric weights of each point.
+    - `weights`: barycentric weights of each point, perspective-correct if the scene has
+      `inverse_w`.
     - `uv`: texture coordinates of the corners, in the order of `scene.triangles`.
 
     Entry `[n, i, j]` of the result is the change of coordinate i (u, v) for a step of one pixel

@@ -94,10 +94,10 @@ class CoverageMode(abc.ABC):
     """How one kind of coverage is planned and drawn.
 
     - `effects`: names of the rows of `effects.EFFECTS` that this mode draws.
-    - `missing`: for the name of each effect of a scene that this mode cannot draw, usually only
-      "depth test", the one-line error message, which says what to do instead. An effect without an
-      entry is ignored without a message. The effects that stand for other coverage modes do not
-      belong here.
+    - `missing`: error messages by the name of an effect. It has an entry for each effect of a scene
+      that this mode cannot draw, usually only "depth test". The message has one line, and says what
+      to do instead. An effect in neither field is ignored without a message, such as the effects
+      that stand for other coverage modes.
     """
 
     effects: frozenset[str]

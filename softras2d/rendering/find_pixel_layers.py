@@ -19,8 +19,9 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
     """Find the topmost triangles of each pixel, with their coverage and barycentric weights.
 
     - `plan`: for `Soft` or `Area` coverage; `rasterize` is for `Hard`.
-    - `layers`: how many triangles to keep at each pixel, in reverse draw order. A triangle may be
-      left out in a tile that an opaque triangle in front of it covers completely.
+    - `layers`: how many of the triangles with coverage above 0 to keep at each pixel, in reverse
+      draw order, also in a scene with depth. A triangle may be left out in a tile that an opaque
+      triangle in front of it covers completely.
 
     `pixel_layers` is pure: use it under `jit` and `vmap`. A scene that outgrows its plan raises an
     error as in `render`. Under a trace, with a plan of `on_overflow="nan"`, it makes `coverage` and

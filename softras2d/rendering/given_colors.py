@@ -1,7 +1,9 @@
 """Colours that a caller of `resolve` or `composite` gives: a function, or arrays of samples.
 
 The boundary term compares the colours on the two sides of each edge. The classes here implement the
-interface `gradients.sample_colors.SampleColors`, which gives it these colours.
+interface `gradients.sample_colors.SampleColors`, which gives it these colours. They pass on the
+values of the caller unchanged: for `resolve` numbers of any meaning, for `composite` RGB or
+straight RGBA. Arrays `[lines, runs]` have an entry for each crossing (`gradients.crossings`).
 """
 
 from collections.abc import Callable

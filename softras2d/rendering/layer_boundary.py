@@ -34,12 +34,13 @@ def layer_boundary(
     The boundary term is the part of the derivative with respect to positions and depth that comes
     from edges that move over samples. The image is premultiplied.
 
-    - `visible`, `values`: the arguments of `composite`.
+    - `visible`, `values`: the arguments of `composite`; an array must have the axis of layers.
     - `layer_triangles`: the triangle of each layer, -1 for unused layers.
     - `background`: premultiplied background.
 
     Also returns whether a tile's list is longer than the boundary term can hold; triangles are then
-    missing from the derivative.
+    missing from the derivative. This raises an error, unless `plan.on_overflow` is `"nan"` and the
+    call is traced.
     """
     scene, plan = with_unit_corners(visible.scene), visible.plan
     # Hidden triangles are listed too: the caller's colours may be translucent where the scene's
@@ -97,7 +98,8 @@ def _given_colors(
 def _outgrows(binned: BinnedScene, visible: Visibility, max_list_length: int) -> Bool[Array, ""]:
     """Whether some tile's list, which includes hidden triangles, is longer than `max_list_length`.
 
-    If so, an error is raised as by `rasterize`, unless `plan.on_overflow` is `"nan"`.
+    If so, an error is raised as by `rasterize`. Under a trace none is raised if `plan.on_overflow`
+    is `"nan"`.
     """
     plan, count = visible.plan, visible.scene.triangles.shape[0]
     if plan.lists_all or max_list_length >= count:

@@ -19,9 +19,10 @@ def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth)
     """Choose capacities and tile size for drawings, and for others that exceed them by `growth`.
 
     `listing` says how the triangles of the drawings are listed. Every tile lists every triangle in
-    the worst case. It also does so for few triangles on few tiles, where the slots number at most
-    `Headroom.list_all_slots`: that costs less than making lists. Raises `ValueError` if the worst
-    case has more than `MOST_PAIRS` pairs of a triangle and a tile.
+    the worst case. It also does so if this makes at most `Headroom.list_all_slots` pairs of a
+    triangle and a tile, which costs less than making lists. The triangles are those of the largest
+    scene, rounded up as in `layout_of_all`. Raises `ValueError` if the worst case has more than
+    `MOST_PAIRS` such pairs.
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(count_triangles(drawing.scene) for drawing in drawings)
@@ -56,7 +57,9 @@ def layout_for(
     *,
     slots_per_chunk: int | None = None,
 ) -> Layout:
-    """Choose a layout in which each list is long enough for every counted scene.
+    """Choose a layout in which each list is long enough for every counted scene, with headroom.
+
+    The headroom is `listing.headroom`. Tiles do not list every triangle.
 
     - `counts`: the list lengths that each scene needs.
     - `triangles`: largest number of triangles in a scene. No capacity exceeds what a scene of this
@@ -79,7 +82,7 @@ def count_triangles(scene: Scene) -> int:
     """Number of triangles of a scene, without those that `pad` appended, but at least 1.
 
     These are all triangles up to the last one that is not padding. If only the shapes of the arrays
-    are known, appended triangles are counted too.
+    are known, all triangles are counted, and the result may be 0.
     """
     if isinstance(scene.triangles, jax.ShapeDtypeStruct):
         return scene.triangles.shape[0]

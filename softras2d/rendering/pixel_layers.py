@@ -23,9 +23,11 @@ class PixelLayers(eqx.Module):
 
     - `triangle`: index of the triangle.
     - `coverage`: fraction of the pixel that the triangle covers, 0..1, differentiable with respect
-      to `scene.positions`.
-    - `barycentric`: weights of the corners in the pixel, in the order of `scene.triangles`. They
-      are perspective-correct if the scene has `inverse_w`, and differentiable.
+      to `scene.positions`. Alpha is no factor of it, nor the sign of the area for `Area("sum")`.
+    - `barycentric`: weights of the corners, in the order of `scene.triangles`, at the point where
+      `render` shades the triangle: under `Area` the centroid of its part in the pixel, under `Soft`
+      its point nearest to the pixel's centre. They are perspective-correct if the scene has
+      `inverse_w`, and differentiable.
     - `scene`, `plan`: the arguments of `pixel_layers`.
     """
 

@@ -58,9 +58,11 @@ def plan(
       least a sixteenth more. "worst_case": all triangles, so that no positions outgrow the plan. A
       render then costs as much as if every triangle covered the whole canvas (see `print(plan)`).
       It looks at shapes only, so that scenes may be traced, or have `jax.ShapeDtypeStruct` leaves.
-      Scenes of few triangles on a small canvas always get it, as it costs nothing there.
+      For few triangles on a small canvas a tile can always list all of them, as that costs nothing
+      there; under `Hard` they outgrow the plan only if they move past the guard band.
     - `headroom`: factor, 1 or more, by which every list may become longer than the scenes need: 2
-      allows for triangles of twice the area, or for twice as many triangles in the same region.
+      allows for triangles of twice the area, or for twice as many triangles in the same region. It
+      is ignored with "worst_case".
     - `on_overflow`: what a compiled program does with a scene that outgrows the plan. "raise": it
       raises an error, by a call to the host. "nan": it makes image and derivatives NaN, without a
       call, so that JAX can also keep the program in its persistent cache.

@@ -29,7 +29,8 @@ from ..shading.surface import Surface, surface_of
 class Projected(NamedTuple):
     """The triangles of a scene on the sample grid, reoriented to positive area.
 
-    The guard band below is the canvas with a wide margin (`Grid.margin`).
+    The guard band below is the canvas with a wide margin (`Grid.margin`). Only `surface` has a
+    derivative with respect to positions: the interior term.
 
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
@@ -96,8 +97,9 @@ def _crossed_edges(
 ) -> CrossedEdges:
     """Gather the edges of all triangles, and the lines of samples that each edge crosses.
 
-    `corners`, `grid_triangles` and `edges` are fields of `geometry.projection.Projection`, and
-    `triangles` are the vertex indices of the scene.
+    The edges are those of the triangles reoriented to positive area. `corners`, `grid_triangles`
+    and `edges` are fields of `geometry.projection.Projection`, and `triangles` are the vertex
+    indices of the scene, which are not reoriented.
     """
     # These arrays are computed in separate programs: an image without its derivative needs only
     # `steep`, `first` and `count`, to compare the number of runs with its capacity.
@@ -118,8 +120,9 @@ def _reoriented_ends(
 ) -> tuple[Float[Array, "2 triangles 3"], Float[Array, "2 triangles 3"]]:
     """Compute start and end of each edge, in pixels, of the triangles reoriented to positive area.
 
-    `corners` are the snapped corners, in pixels. Edge k goes from corner k to the next corner. The
-    first axis of both results has x and y.
+    `corners` are the snapped corners, not reoriented. They and the results are in pixels from the
+    canvas's upper left. Edge k goes from corner k to the next corner. The first axis of both
+    results has x and y.
     """
     x, y = (reorient(corners[:, :, axis].T, orientation).T for axis in (0, 1))
     start = jnp.stack([x, y])

@@ -62,8 +62,8 @@ def render_checked(
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """Draw like `render`, and return a flag instead of raising an error on overflow.
 
-    Returns the image, and whether the scene outgrew the plan. If it did, triangles are missing from
-    the image: plan again.
+    Returns the image, and whether the scene outgrew the plan. If it did, the image is wrong, mostly
+    because triangles are missing: plan again. It is not NaN, whatever `plan.on_overflow` says.
     """
     check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)

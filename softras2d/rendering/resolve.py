@@ -29,15 +29,17 @@ def resolve(
     - `visible`: from `rasterize`, with one layer.
     - `values`: either a function `shade(triangle, barycentric)`, or an array `[height, width,
       samples, channels]`.
-    - `background`: the value where no triangle shows, `[channels]`; the scene's background by
-      default.
+    - `background`: the value where no triangle shows, `[channels]`, also where `values` is an
+      array; the scene's background by default, which must then have as many channels.
+
+    Channels are averaged as they are, and none of them is taken for alpha.
 
     The function gets triangle indices `[n]` and corner weights `[n, 3]`, and returns `[n,
     channels]`, each row from its own triangle and weights. It may be any JAX function and may close
     over traced values. It is evaluated for one block of rows after another, and again in the
     backward pass, so that no array of all samples is stored. It is also evaluated where the
-    gradient needs a colour that no sample shows. If it computes the colours of an opaque scene,
-    image and gradient are the same as from `render`.
+    gradient needs a colour that no sample shows. If it computes the colours of an opaque scene with
+    an RGB background, image and gradient are the same as from `render`.
 
     The derivative has two parts. The interior term is the derivative of the values themselves with
     respect to all that they depend on, also through the barycentric weights. The boundary term is

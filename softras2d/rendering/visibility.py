@@ -74,7 +74,8 @@ class Visibility(eqx.Module):
     def depth(self) -> Float[Array, "height width samples *layers"] | None:
         """Depth of the triangle at each sample, infinity for background.
 
-        None if the scene has no depth.
+        It is taken at the same point as `barycentric`: with `Hard(shading="pixel")` it is not the
+        depth at the sample, which the depth test compares. None if the scene has no depth.
         """
         if self.scene.depth is None:
             return None
@@ -85,7 +86,10 @@ class Visibility(eqx.Module):
 
     @property
     def coverage(self) -> Float[Array, "height width"]:
-        """Fraction, 0..1, of the samples of each pixel that some triangle covers."""
+        """Fraction, 0..1, of the samples of each pixel that some triangle covers.
+
+        It has no derivative.
+        """
         refuse_batch(self)
         first = self.triangle if self.triangle.ndim == 3 else self.triangle[..., 0]
         share = jnp.mean((first >= 0).astype(self.scene.positions.dtype), axis=-1)
@@ -116,8 +120,8 @@ class Visibility(eqx.Module):
         - `uv`: texture coordinates of vertices `[vertices, 2]`, or of corners `[triangles, 3, 2]`.
 
         Entry [..., i, j] of the result is the change of coordinate i (u, v) along axis j (x, y). It
-        is the same at all points of a triangle unless the scene has `inverse_w`. Raises
-        `ValueError` for other shapes of `uv`.
+        is the same at all points of a triangle unless the scene has `inverse_w`, and has no meaning
+        where `triangle` is -1. Raises `ValueError` for other shapes of `uv`.
         """
         corners = _at_corners(self, "uv", uv, channels=2)
         if corners.shape[0] == 0:
@@ -159,8 +163,9 @@ def interpolate(
     """Interpolate attributes of vertices or of corners at each sample; 0 for background.
 
     `attributes` are `[vertices, channels]`, or `[triangles, 3, channels]` in the order of
-    `scene.triangles`. Interpolation is perspective-correct if the scene has `inverse_w`. The result
-    is differentiable with respect to the attributes, and to the scene's positions and `inverse_w`.
+    `scene.triangles`. The weights are `visible.barycentric`, which says at which point they are
+    taken; so interpolation is perspective-correct if the scene has `inverse_w`. The result is
+    differentiable with respect to the attributes, and to the scene's positions and `inverse_w`.
     Raises `ValueError` for other shapes.
     """
     corners = _at_corners(visible, "attributes", attributes)
@@ -292,8 +297,8 @@ def _count_covering(scene: Scene, plan: Plan) -> Int[Array, "height width sample
 def _weights(visible: Visibility, *, perspective: bool) -> Array:
     """Barycentric weights of the corners of the triangle at every sample, 0 for background.
 
-    The last axis has the three corners. If `perspective` is false, the weights are affine on the
-    screen even if the scene has `inverse_w`.
+    They are taken at the point of `Visibility.barycentric`. The last axis has the three corners. If
+    `perspective` is false, the weights are affine on the screen even if the scene has `inverse_w`.
     """
     refuse_batch(visible)
     scene, plan, triangle = visible.scene, visible.plan, visible.triangle

@@ -32,8 +32,9 @@ class BinnedScene(NamedTuple):
 
     - `projected`: the triangles on the sample grid.
     - `lists`: the triangles of each tile, in reverse draw order.
-    - `steps`: order in which the depth test and translucency go through the lists; None if the
-      scene has neither, or if translucent lists include hidden triangles.
+    - `steps`: order in which the depth test and translucency go through the lists. None if the
+      scene has neither. None also for a scene without depth whose lists include hidden triangles
+      (`bin_scene(..., list_hidden=True)`), for which the plan has no capacity for steps.
     - `needs`: lengths needed for the lists that are made so far: strips, pairs, runs, steps.
     """
 

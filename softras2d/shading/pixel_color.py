@@ -69,7 +69,8 @@ class CornerColors(NamedTuple):
     A slot is a triangle in a tile.
 
     - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
-    - `positions`: x and y of each corner of each slot's triangle in turn, in pixels.
+    - `positions`: x and y of each corner of each slot's triangle in turn, in pixels from the
+      canvas's upper left.
     - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
     - `corners`: red, green and blue of corner 0, then of corner 1 and of corner 2.
     """
@@ -112,7 +113,8 @@ def shade_slots(
     - `attributes`: colours, textures and depth of all triangles.
     - `coverage`: covered fraction of each pixel, 0..1.
     - `weights`: the function for the barycentric weights of corners 1 and 2 at a pixel.
-    - `corners`: x and y of each corner of each slot's triangle in turn, in pixels.
+    - `corners`: x and y of each corner of each slot's triangle in turn, in pixels from the canvas's
+      upper left.
     - `geometry`: the geometry of each slot that `weights` takes (`coverage.analytic`).
     - `lines`: the edges of each slot's triangle.
     - `chunks`: the slots, flattened in the other arguments.

@@ -76,8 +76,8 @@ class LevelsAndProbes(NamedTuple):
 
     - `levels`: the one or two mip levels that every probe reads.
     - `count`: number of probes, a whole number; None for a single probe.
-    - `axis`: vector (u, v) over which the probes are evenly spread, where 1 is the extent of the
-      image; None for a single probe.
+    - `axis`: vector (u, v) over whose length the probes are evenly spread, with the shaded point in
+      the middle; 1 is the extent of the image. None for a single probe.
     """
 
     levels: Levels

@@ -58,7 +58,7 @@ class Taps(NamedTuple):
 
 
 class LevelTaps(NamedTuple):
-    """The texels to mix at each point, in one mip level or in two levels that are mixed in turn.
+    """The texels to mix at each point: in one mip level, or in two levels whose mixes are mixed.
 
     - `fine`: taps in the only level, or in the finer one.
     - `coarse`, `fraction`: taps in the coarser level, and its weight, 0..1; None for one level.
@@ -90,7 +90,7 @@ def read_levels(
 ) -> Float[Array, "*points 4"]:
     """Gather the texels of the taps, and mix them within each level and between two levels.
 
-    - `texels`: the texels of the pyramid as RGBA.
+    - `texels`: the texels of the pyramid as premultiplied RGBA, as the result.
     - `filter`: the filter that mixes texels along each axis.
     - `shown`: the result is 0 where this is false; with None, all points are shown.
     """

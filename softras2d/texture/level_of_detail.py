@@ -1,8 +1,10 @@
 """Choose the mip level that a sample reads, from the footprint of a pixel on the texture.
 
 The footprint is the Jacobian of the map from the screen to the texture, in texels of the base level
-for a step of one pixel, whatever the number of samples per pixel. A probe is one of several reads,
-evenly spread over the longer axis of the footprint's ellipse, whose mean is taken.
+for a step of one pixel, whatever the number of samples per pixel. Its ellipse is the image of a
+circle with a diameter of one pixel, so that the lengths of its axes are the singular values of the
+Jacobian. A probe is one of several reads, evenly spread over the longer axis of this ellipse, whose
+mean is taken.
 
 **Source:** Williams, *Pyramidal Parametrics* (SIGGRAPH 1983), for the pyramid; Heckbert, *Survey of
 Texture Mapping* (IEEE CG&A 6(11), 1986), for the choice of a level by the longer side; McCormack et
@@ -53,8 +55,8 @@ class Probes(NamedTuple):
 
     - `level`: the level of detail, 0 for the base level, including the bias; not clamped.
     - `count`: number of probes, evenly spread over the major axis; None for a single probe.
-    - `axis_u`, `axis_v`: the major axis of the footprint's ellipse, in base texels; None for a
-      single probe.
+    - `axis_u`, `axis_v`: the major axis of the footprint's ellipse, from one end to the other, in
+      base texels; None for a single probe.
     """
 
     level: Float[Array, "*points"]
@@ -144,7 +146,7 @@ def choose_levels(
     """Choose the mip levels to read for a level of detail.
 
     - `level_of_detail`: 0 for the base level, 1 for the level of half the size, and so on.
-    - `texture`: index of the texture at each point.
+    - `texture`: index of the texture at each point. The choice has no meaning where it is -1.
     - `table`: `TexturePyramid.levels`.
     - `level_filter`: `Filter.level`. `"zero"` chooses the base level, `"nearest"` rounds to one
       level, halves up, and `"linear"` mixes the two levels around the level of detail.

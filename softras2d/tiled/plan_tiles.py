@@ -183,7 +183,7 @@ def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
     If the plan has a witness (`pieces.with_witness`), the witness is appended as the last triangle.
-    Raises `ValueError` for a traced scene, and for a scene without all triangles of the lists.
+    Raises `ValueError` for a traced scene, and for one with fewer triangles than the lists name.
     """
     check_type("scene", scene, Scene)
     check_type("plan", plan, TiledPlan, "softras2d.plan_tiles(scene, ...)")

@@ -97,8 +97,8 @@ def start_in_turns(
     """Call `start(window, device)` for each window, on the devices in turn.
 
     Yields each window with the result of its call, in the order of `windows`. Two calls per device
-    are made before the first result is yielded, so that all devices stay busy. By default the
-    windows are drawn on JAX's first device.
+    are made before the first result is yielded, so that all devices stay busy: `start` should
+    return before its device has finished. If `devices` is None, JAX's first device gets all calls.
     """
     devices = jax.local_devices()[:1] if devices is None else check_devices(devices)
     started: deque[tuple[Window, T]] = deque()

@@ -37,8 +37,8 @@ def tiled_value_and_grad(
     Returns a function of a scene, a `TiledPlan` made with `gradients=True`, and any number of
     arrays `[height, width, ...]` of the canvas, such as a target image. The arrays are cut into
     windows as they are needed, so that they may be memory-mapped. The function returns the sum of
-    the losses, and its gradient: a scene whose arrays of floats hold derivatives, and whose arrays
-    of integers are None.
+    the losses, and its gradient: a scene whose arrays of floats hold derivatives, in the dtype of
+    the positions, and whose arrays of integers are None.
 
     Sums over windows are taken in float64 in the order of the windows, so that they do not depend
     on the number of devices. For a mean over the canvas, divide the loss of each window by the
@@ -46,7 +46,8 @@ def tiled_value_and_grad(
 
     The function raises `ValueError` for a plan without `gradients`, for data of another size than
     the canvas, for a traced scene or one with fewer triangles, and if triangles have moved since
-    the plan was made and outgrow it.
+    the plan was made and outgrow it. A triangle that has moved into another window is missing
+    there, from loss and gradient: plan again.
     """
 
     @eqx.filter_jit
