@@ -35,7 +35,7 @@ class Capacity(NamedTuple):
     - `pairs`: pairs of a triangle and a tile.
     - `slots_per_chunk`: slots of one chunk, a choice of the plan and not the length of a list.
     - `chunks`: chunks of all tiles together.
-    - `max_chunks`: upper bound on the chunks of any one tile.
+    - `max_chunks`: upper bound on the chunks of any one tile, a power of two.
     - `steps`: steps through the lists in order (`lists.Steps`), which translucency and the depth
       test take. A block of `BLOCK` tiles takes as many as its longest list has entries; the steps
       of all blocks are added.

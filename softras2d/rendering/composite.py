@@ -18,7 +18,8 @@ def composite(
 ) -> Float[Array, "height width channels"]:
     """Composite the colours of layers with "over", and average over the samples of each pixel.
 
-    - `visible`: from `rasterize(..., layers=k)` or `pixel_layers`.
+    - `visible`: from `rasterize(..., layers=k)` or `pixel_layers`. In the second case the alpha of
+      each layer is multiplied by its coverage.
     - `values`: RGB, or RGB and straight alpha, of each layer: an array of the shape of
       `visible.triangle` with a last axis of 3 or 4 channels, or a function `shade(triangle,
       barycentric)` from `[n]` and `[n, 3]` to `[n, 3 or 4]`.
@@ -35,7 +36,8 @@ def composite(
     each edge, unless the plan is for `Hard(edge_gradients=False)`. If `values` is a function, it is
     also evaluated at points that are no samples, as for `resolve`. An array has no colours there,
     so triangles that lie between two samples have no boundary term. Raises `ValueError` for other
-    shapes.
+    shapes. It raises an error as `rasterize` does if the list of a tile, with hidden triangles, is
+    longer than the boundary term can hold.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
     """

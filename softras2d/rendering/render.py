@@ -32,10 +32,12 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     `render` is pure: use it under `jit` and `vmap`, and close over the plan or pass it. It never
     inspects values: a triangle with a NaN or infinite corner covers nothing, and its gradient is
     zero. Derivatives with respect to colours, texture coordinates, texels, `inverse_w` and
-    background are exact, forwards and backwards. Under `Hard`, the derivative with respect to
-    positions is the derivative of the box-filtered image, evaluated on the sample grid (see
-    `softras2d/gradients`), unless `Hard.edge_gradients` is off. The derivative with respect to
-    depth comes from the lines along which triangles cross in depth, and is zero elsewhere.
+    background are exact, forwards and backwards. Under `Soft` and `Area`, so are those with respect
+    to positions and depth, except for interpolated colours in triangles thinner than a pixel. Under
+    `Hard`, the derivative with respect to positions is the derivative of the box-filtered image,
+    evaluated on the sample grid (see `softras2d/gradients`). The one with respect to depth comes
+    from the lines along which triangles cross in depth, and is zero elsewhere. Both are zero if
+    `Hard.edge_gradients` is off.
 
     A concrete scene is padded to a size class first (`softras2d.pad`), so that scenes of similar
     size share a compiled program. Under your own `jit` the scene is not padded: pad it once,

@@ -44,10 +44,10 @@ def resolve(
     The derivative has two parts. The interior term is the derivative of the values themselves with
     respect to all that they depend on, also through the barycentric weights. The boundary term is
     with respect to `scene.positions` and `scene.depth`. It comes from the difference of the values
-    on both sides of each visible edge; `Hard(edge_gradients=False)` leaves it out. An array has
-    values at samples only, so it has no boundary term at edges next to a colour that no sample
-    shows: edges of triangles or strips that lie between two samples, and edges within half a sample
-    of the border of the canvas.
+    on both sides of each visible edge. `Hard(edge_gradients=False)` leaves it out, and makes the
+    derivative of the weights with respect to positions zero. An array has values at samples only,
+    so it has no boundary term at edges next to a colour that no sample shows: edges of triangles or
+    strips that lie between two samples, and edges within half a sample of the border of the canvas.
 
     Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
     `ValueError` for several layers, and for shapes that do not match.

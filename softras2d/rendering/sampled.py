@@ -117,11 +117,11 @@ def _count_lists(drawing: Drawing) -> Counts:
 def _composite_translucent(
     binned: BinnedScene, background: Array, scene: Scene, plan: Plan, capacity: Capacity
 ) -> Array:
-    """Composite translucent triangles at each sample, front to back, and average over each pixel.
+    """Composite the triangles of a scene with alpha at each sample, and average over each pixel.
 
-    `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
-    image, whose derivative includes the boundary term if `Hard.edge_gradients` is true.
-    `background` is premultiplied.
+    They are composited front to back. `capacity` has the capacities for the scene's number of
+    triangles. Returns the premultiplied image, whose derivative includes the boundary term if
+    `Hard.edge_gradients` is true. `background` is premultiplied.
     """
     projected, lists, steps, _ = binned
     assert steps is not None

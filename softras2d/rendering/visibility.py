@@ -66,7 +66,7 @@ class Visibility(eqx.Module):
         perspective-correct if the scene has `inverse_w`. They are taken at the sample or, with
         `Hard(shading="pixel")`, at the one point of the pixel where `render` shades the triangle.
         Their derivative with respect to positions is taken at a fixed point of the screen: it is
-        the interior term of `render`.
+        the interior term of `render`. It is zero with `Hard(edge_gradients=False)`.
         """
         return self._checked(_weights(self, perspective=True))
 
