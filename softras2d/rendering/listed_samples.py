@@ -52,8 +52,8 @@ def nearest_layers(
 
     Nearest is the triangle that is drawn last: depth is not looked at. `listed` has the triangles
     of each tile, and the samples that each of them covers. `sample` has columns and rows on the
-    canvas's grid of samples. Returns triangle indices, with -1 where fewer triangles cover the
-    sample.
+    canvas's grid of samples, as arrays with two axes. Returns triangle indices, with -1 where fewer
+    triangles cover the sample.
     """
     entries = _locate(listed.lists, sample, tiling)
     layer = jnp.arange(layers, dtype=jnp.int32)

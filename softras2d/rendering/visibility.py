@@ -140,8 +140,9 @@ def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibil
       with depth only triangles that pass the depth test when they are drawn. With more than one
       layer, an opaque triangle does not hide the layers behind it. One layer costs least.
 
-    `rasterize` is pure: use it under `jit` and `vmap`. The indices have no derivative. The other
-    buffers, `interpolate` and `resolve` are differentiable with respect to all floats of the scene.
+    `rasterize` is pure: use it under `jit` and `vmap`. The indices, `coverage` and `overdraw` have
+    no derivative. `barycentric`, `depth`, `interpolate` and `resolve` are differentiable with
+    respect to all floats of the scene on which they depend.
     A scene that outgrows its plan raises an error as in `render`. If `plan.on_overflow` is `"nan"`,
     a compiled program raises none: images of `resolve` and `composite`, all buffers of floats, and
     their derivatives are then NaN, and `overdraw` is -1.
