@@ -63,6 +63,7 @@ class DisplayList:
     def add_triangles(self, corners: np.ndarray, color: Rgba | np.ndarray) -> None:
         """Add triangles `[k, 3, 2]` in pixels as one shape.
 
+        They are drawn in their order, so translucent ones are blended twice where they overlap.
         `color` is sRGB with straight alpha: the one colour of all triangles, or an array `[3, 4]`,
         of which row i is the colour of corner i of every triangle.
         """
@@ -74,8 +75,9 @@ class DisplayList:
     ) -> None:
         """Add a convex polygon with a texture.
 
-        - `points`, `uv`: `[n, 2]`, its corners in pixels, and their texture coordinates.
-        - `color`: factor of the texture's colours and alpha.
+        - `points`, `uv`: `[n, 2]`, its corners in pixels, and their texture coordinates (u right, v
+          down, 0..1 across the texture).
+        - `color`: factor of the texture's colours and alpha, which are sRGB with straight alpha.
         - `texture`: index in `Assets.textures`.
         - `translucent`: whether the polygon is translucent anywhere. If so, the edges between its
           triangles are moved away from samples, since a sample on such an edge is blended twice.
@@ -92,7 +94,8 @@ class DisplayList:
     ) -> int:
         """Add the inside of one closed contour, or of several that form one shape.
 
-        - `points`: vertices `[n, 2]` in pixels of the contour, or a list of such arrays.
+        - `points`: vertices `[n, 2]` in pixels, or a list of such arrays. An edge from the last
+          vertex to the first is implied.
         - `color`: the one colour of the shape, sRGB with straight alpha.
         - `evenodd`: whether the fill rule is the even-odd rule instead of the nonzero rule.
 
@@ -170,7 +173,8 @@ class DisplayList:
         drawn only on the canvas; other shapes are not cut at its border.
 
         Adds to `approximated`. Raises `ValueError` for coordinates and colours that are not finite
-        in float32, for a stroke that its map sends to infinity, and for work beyond the budget.
+        in float32, for a stroke that its map sends to infinity or beyond (w <= 0), and for work
+        beyond the budget.
         """
         batches = [
             Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
@@ -333,7 +337,8 @@ class DisplayList:
         - `owner`: `[t]`, index of the outline of each triangle.
         - `draw`: `[outlines]`, index in draw order of the shape of each outline, for errors.
 
-        Raises `SvgError` for points at infinity, or that are not finite in float32.
+        Raises `SvgError` for points that are mapped to infinity or beyond (w <= 0), and for results
+        that are not finite in float32.
         """
         maps = maps[owner]
         with np.errstate(over="ignore", invalid="ignore"):

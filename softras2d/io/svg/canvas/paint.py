@@ -17,10 +17,11 @@ class Paint(NamedTuple):
 
     - `color`: maps `(x, y, 1)` in pixels to sRGB with straight alpha. The texture, if there is one,
       is multiplied by this colour.
-    - `uv`: maps `(x, y, 1)` in pixels to texture coordinates; None without a texture.
+    - `uv`: maps `(x, y, 1)` in pixels to texture coordinates (u right, v down, 0..1 across the
+      texture); None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: whether there is a texture that has an alpha channel, or that is drawn with an
-      opacity below 1.
+    - `has_alpha`: whether the texture may be translucent, even where the alpha of `color` is 1.
+      False without a texture.
     """
 
     color: Float[np.ndarray, "4 3"]
@@ -41,7 +42,7 @@ class Paint(NamedTuple):
     def with_opacity(self, opacity: float) -> "Paint":
         """The paint with its alpha multiplied by `opacity`, in 0..1.
 
-        `has_alpha` is not changed.
+        `has_alpha` is not changed, since the alpha of `color` makes the paint translucent.
         """
         return self._replace(color=self.color * [[1.0], [1.0], [1.0], [opacity]])
 
@@ -63,7 +64,7 @@ class Stop(NamedTuple):
 
 
 def constant_paint(color: Rgba) -> Paint:
-    """The paint that has one colour everywhere."""
+    """The paint that has one colour everywhere, sRGB with straight alpha."""
     matrix = np.zeros((4, 3))
     matrix[:, 2] = color
     return Paint(matrix)
@@ -110,8 +111,8 @@ def composite_paints(
 
     Returns the paint, and whether it is exact everywhere. It is exact if both paints have a
     constant alpha and neither has a texture. If an alpha varies, the result interpolates the exact
-    colours at three of the points; it is `front` alone if the points span no area. If either paint
-    has a texture, the result is `front` alone too.
+    colours at three of the points, and extrapolates them elsewhere; it is `front` alone if the
+    points span no area. If either paint has a texture, the result is `front` alone too.
     """
     if front.texture >= 0 or back.texture >= 0:
         # A texture has one colour per texel, which no other paint can have.

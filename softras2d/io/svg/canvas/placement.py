@@ -14,7 +14,8 @@ class Placement(NamedTuple):
     - `map3`: homogeneous map `[3, 3]` from the element's user units to pixels.
     - `scale`: largest stretch of `map3`, in pixels per user unit; only an approximation for a map
       in perspective.
-    - `clip`: shapely region in pixels to which shapes are clipped; None for the whole plane.
+    - `clip`: shapely region in pixels to which shapes are clipped; None for the whole plane. If it
+      is empty, nothing is visible.
     - `sink`: receives the shapes: the canvas, or the layer of a group.
     """
 
@@ -24,7 +25,7 @@ class Placement(NamedTuple):
     sink: Sink
 
     def with_map(self, map3: np.ndarray) -> "Placement":
-        """The placement with another map, from which its `scale` is computed again.
+        """The placement with another map and its `scale`, and with the same clip and sink.
 
         `map3` is a homogeneous map `[3, 3]` from user units to pixels. Raises `ValueError` if it is
         not finite.
@@ -40,8 +41,8 @@ class Placement(NamedTuple):
         - `points`: `[n, 2]`, vertices in pixels.
         - `margin`: how far the shape may reach beyond its vertices, in pixels.
 
-        The bounding box is tested, so the result may be True for a shape that is not cut. It is
-        False if there is no clip.
+        The bounding box of the vertices, enlarged by `margin`, is tested against the clip, so the
+        result may be True for a shape that is not cut. It is False if there is no clip.
         """
         if self.clip is None:
             return False

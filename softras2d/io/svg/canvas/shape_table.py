@@ -40,8 +40,8 @@ class ShapeTable:
     def color_table(self) -> np.ndarray:
         """Colours of all shapes in draw order, `[shapes, 1 or 3, 4]`, float32.
 
-        There is one colour per corner if any shape needs it. Raises `ValueError` for a colour that
-        is not finite in float32.
+        If any shape has one colour per corner, the table has three for every shape. Raises
+        `SvgError` for a colour that is not finite in float32.
         """
         if not any(isinstance(color, np.ndarray) for color in self._colors):
             table = np.array(self._colors, np.float64).reshape(-1, 1, 4)

@@ -20,7 +20,8 @@ from .paint import Paint, constant_paint, corner_paint
 class Textured(NamedTuple):
     """A convex polygon with a texture.
 
-    - `points`, `uv`: `[n, 2]`, vertices in pixels, and their texture coordinates.
+    - `points`, `uv`: `[n, 2]`, vertices in pixels, and their texture coordinates (u right, v down,
+      0..1 across the texture).
     - `color`: white, with the opacity as its alpha.
     - `texture`: index in `Assets.textures`.
     - `translucent`: whether the texture has an alpha channel, or the opacity is below 1.
@@ -45,6 +46,7 @@ class Sink(Protocol):
     ) -> None:
         """Add the inside of closed contours `[n, 2]` in pixels, which form one shape.
 
+        - `contours`: at least one. An edge from the last vertex of each to its first is implied.
         - `color`: the one colour of the shape, sRGB with straight alpha.
         - `evenodd`: whether the shape is filled by the even-odd rule instead of the nonzero rule.
         - `source`: index of the shape in `Painter.sources`, by which its control points are looked
@@ -55,8 +57,8 @@ class Sink(Protocol):
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
         """Add the strokes of one path.
 
-        - `outlines`: one for each contour or dash of the path. Where they overlap, a translucent
-          stroke is blended once.
+        - `outlines`: one for each contour or dash of the path, at least one. Where they overlap, a
+          translucent stroke is blended once.
         - `map3`: homogeneous map `[3, 3]` from the units of the outlines to pixels.
         - `color`: the one colour of all strokes, sRGB with straight alpha.
         """
@@ -125,7 +127,7 @@ class Canvas:
 class _Call(NamedTuple):
     """A shape that a layer has received.
 
-    - `bounds`: bounding box (x0, y0, x1, y1) of the shape in pixels, or a larger one.
+    - `bounds`: bounding box (x0, y0, x1, y1) of the shape in pixels, or a larger box.
     - `replay`: function that adds the shape to a sink, with its alpha multiplied by an opacity.
     - `items`: function that converts the shape to regions with paints, with its alpha unchanged.
     - `family`: number, from 1, of the call of `add_items` that the shape comes from; -1 for a shape
@@ -227,9 +229,10 @@ class Layer:
     def finish(self, sink: Sink, opacity: float) -> bool:
         """Composite the collected shapes, multiply the result by `opacity`, and add it to `sink`.
 
-        A shape that overlaps no other is passed on unchanged but for its alpha. Returns whether the
-        colours are exact everywhere; they may not be where translucent shapes overlap. Raises
-        `ValueError` for coordinates that are not finite, and for work beyond the budget.
+        A shape whose bounding box meets no other is passed on unchanged but for its alpha. Shapes
+        may be passed on in another order if they do not overlap. Returns whether the colours are
+        exact everywhere; they may not be where translucent shapes overlap. Raises `ValueError` for
+        coordinates that are not finite, and for work beyond the budget.
         """
         if not self._calls:
             return True

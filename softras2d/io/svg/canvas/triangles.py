@@ -13,8 +13,8 @@ class Triangles(NamedTuple):
     - `corners`: `[triangles, 3, 2]`, float32, in pixels.
     - `colors`: `[triangles, 1 or 3, 4]`, float32, sRGB with straight alpha. All triangles have one
       colour per corner if any of them needs it.
-    - `uv`: `[triangles, 3, 2]`, float32, texture coordinates of the corners, zero for a triangle
-      without texture. `[0, 3, 2]` if no triangle has a texture.
+    - `uv`: `[triangles, 3, 2]`, float32, texture coordinates of the corners (u right, v down, 0..1
+      across the texture), zero for a triangle without texture. `[0, 3, 2]` if no shape has one.
     - `texture`: `[triangles]`, integer, index in `Assets.textures`; -1 for no texture.
     - `draw`: `[triangles]`, integer, index in draw order of the shape that each belongs to.
     """

@@ -22,7 +22,10 @@ from . import media_queries
 from .selector_costs import Cost, max_tests, selector_costs
 
 _MAX_NESTING = 32
-"""Maximum depth of nested brackets in CSS, since tinycss2 recurses for each bracket."""
+"""Maximum depth of nested brackets in CSS, since tinycss2 recurses for each bracket.
+
+A style sheet or an attribute `style` with deeper brackets is left out as a whole.
+"""
 
 _MAX_SELECTORS = 20_000
 """Maximum number of selectors in a document, since cssselect2 compiles each to Python code."""
@@ -31,15 +34,16 @@ _MAX_SELECTORS = 20_000
 class Declarations(NamedTuple):
     """The declarations that apply to one element, as texts of values by property name.
 
-    Of two values of one property, the one of higher rank in the CSS cascade takes effect.
+    Of two values of one property, the one of higher rank in the CSS cascade takes effect. Names of
+    properties are in lower case.
 
     - `css`: for each property, the value of highest rank from style sheets and the attribute
-      `style`.
+      `style`. The properties are in the order of the ranks of these values, lowest first.
     - `attributes`: all attributes of the element. A presentation attribute, such as `fill`, takes
       effect only if neither `css` nor `outranked` has a valid value of the property.
     - `outranked`: for each property, the values from style sheets and `style` whose rank is below
-      that of the value in `css`, lowest rank first. If the value in `css` is invalid, the last
-      valid value of this list takes effect.
+      that of the value in `css`, lowest rank first; at most the `_MAX_OUTRANKED` highest. If the
+      value in `css` is invalid, the last valid value of this list takes effect.
     """
 
     css: dict[str, str]
@@ -97,8 +101,10 @@ class Cascade:
     def add_sheet(self, element: Element) -> None:
         """Add the rules of a `<style>` element, if it is CSS and its media queries match.
 
-        Rules that are invalid or not supported are noted and left out. Raises `ValueError` for more
-        than `_MAX_SELECTORS` selectors in all style sheets of the document.
+        Call it in document order: of rules whose selectors have the same specificity, the one added
+        last has the highest rank. Rules that are invalid or not supported are noted and left out.
+        Raises `ValueError` for more than `_MAX_SELECTORS` selectors in all style sheets of the
+        document.
         """
         content_type = element.attrib.get("type", "text/css").strip().lower() or "text/css"
         if content_type != "text/css":
@@ -154,9 +160,9 @@ class Cascade:
     def _add_rule(self, rule: Any, element: Element) -> None:
         """Add a style rule that tinycss2 has parsed, once for each of its selectors.
 
-        A rule with a selector that is invalid or not supported is noted and left out. Selectors
-        with a pseudo-element are left out without a notice. `element` is the `<style>` element,
-        which notices name. Raises `ValueError` for too many selectors.
+        If one selector is invalid or not supported, the rule is noted and left out as a whole. This
+        includes rules with a pseudo-element, such as `::before`. `element` is the `<style>`
+        element, which notices name. Raises `ValueError` for too many selectors.
         """
         important, normal = self._parse_block(rule.content, element, "rule")
         selector_text = tinycss2.serialize(rule.prelude).strip()

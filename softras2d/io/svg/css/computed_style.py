@@ -56,8 +56,8 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     """Compute the style of an element from its declarations and the style of its parent.
 
     - `viewport`: sizes to which lengths and percentages are relative.
-    - `note`: called for each invalid declaration, and for each property that is not supported,
-      unless its value would not change the image anyway.
+    - `note`: called for each invalid declaration that no valid one outranks, and for each property
+      in `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` whose value would change the image.
 
     An invalid declaration has no effect: the declaration of the next lower rank is used instead.
     Without a valid declaration, a property has its parent's value if it is inherited, and its
@@ -136,8 +136,9 @@ def _value(
     - `viewport`: sizes to which lengths and percentages are relative.
     - `font_size`: font size of the element in user units, to which `em` is relative.
 
-    Keywords such as `inherit` and `initial` give the value of the parent or the initial value.
-    Raises `ValueError` for text that is no value of the property.
+    `inherit` gives the value of the parent, and `initial` the initial value. `unset`, `revert` and
+    `revert-layer` give the former for an inherited property, and the latter for any other. Raises
+    `ValueError` for text that is no value of the property.
     """
     text = declaration.text.strip()
     if declaration.name in _WITH_UNITS and declaration.is_css:
@@ -158,9 +159,10 @@ def _value(
 def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
     """The font size of an element, in user units.
 
-    The properties `font-size` and `font` both set it, and the one that takes effect later counts.
-    Without a valid value of either, it is the parent's font size. Invalid values are not noted
-    here, since `computed` notes them.
+    The properties `font-size` and `font` both set it. Of their valid values, the one of higher rank
+    counts; of `font`, only the value of highest rank in CSS is considered. Without a valid value of
+    either, the result is the parent's font size. Invalid values are not noted here, since
+    `computed` notes them.
     """
     size = parent.font_size
     # The properties in `css` are in the order in which they take effect.

@@ -28,7 +28,8 @@ System fonts, such as `caption`, have about the size `medium`.
 def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
     """Parse a font size; returns it in user units.
 
-    - `text`: a keyword, length or percentage, without blanks around it.
+    - `text`: a keyword, length or percentage, without blanks around it. A number without a unit is
+      in user units.
     - `parent_size`: font size of the parent in user units, for `em`, `%`, `larger` and `smaller`.
     - `viewport`: sizes to which units such as `vw` and `rem` are relative.
 
@@ -48,10 +49,10 @@ def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float |
     """The font size, in user units, that a value of the shorthand `font` gives.
 
     `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`
-    that is a font size before any `/` in it. Numbers other than 0 are skipped: they are weights, as
-    sizes have units in CSS. The keywords `inherit` and `unset` give `parent_size`, and the others
-    of `_FONTS_WITHOUT_SIZE` give `MEDIUM`. Returns None if the first 16 words have no size, which
-    makes the value invalid.
+    that is a font size. If the word has a `/`, what follows it is the line height, and is ignored.
+    Numbers other than 0 are skipped: they are weights, as sizes have units in CSS. The keywords
+    `inherit` and `unset` give `parent_size`, and the others of `_FONTS_WITHOUT_SIZE` give `MEDIUM`.
+    Returns None if the first 16 words have no size, which makes the value invalid.
     """
     keyword = text.strip().lower()
     if keyword in _FONTS_WITHOUT_SIZE:

@@ -101,8 +101,9 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of the conditions of a media query, given their tokens.
 
     Conditions are features joined by `and` or by `or`, or a feature negated by `not`. The value is
-    True, False, or None for unknown. Tokens that have no such form give False. `height` and `width`
-    are the size of the canvas in pixels.
+    True, False, or None for unknown. Tokens that have no such form give False, but one that stands
+    for a feature and is none counts as unknown. `height` and `width` are the size of the canvas in
+    pixels.
     """
     if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
         return _not(_feature(tokens[1], height, width))
@@ -116,8 +117,9 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
 def _feature(token: Any, height: int, width: int) -> bool | None:
     """The value of one media feature, such as `(width > 300px)`, or of conditions in parentheses.
 
-    Returns None for a feature or value that is not known, and for any other token. `height` and
-    `width` are the size of the canvas in pixels.
+    Returns None for a feature that is not known, for a size that cannot be parsed, and for any
+    other token. An unknown keyword, as in `(hover: x)`, gives False. `height` and `width` are the
+    size of the canvas in pixels.
     """
     if token.type != "() block":
         return None
@@ -150,7 +152,7 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
 
 
 def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) -> bool | None:
-    """Compare a size of the canvas with the length or ratio in `text`.
+    """Compare a size of the canvas with the length or ratio in `text`; 1 `em` or `rem` is 16 px.
 
     - `sizes`: height and width of the canvas in pixels, and their ratio, by the name of the
       feature.

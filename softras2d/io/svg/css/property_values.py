@@ -66,7 +66,8 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 def background_color(text: str) -> Any:
     """The colour in a value of the shorthand `background`, as an `Rgba` or `CURRENT`.
 
-    The result is transparent if the value names no colour.
+    It is the first word that is a colour, and transparent black if there is none. No text raises
+    an error. A colour function, such as `rgb(0, 0, 0)`, also counts inside of a gradient.
     """
     for word in _WORD.findall(text):
         if (color := color_of(word)) is not None:
@@ -210,7 +211,7 @@ def _clip_path(text: str, *_: object) -> str | None:
 def reference_of(text: str) -> str | None:
     """The reference, such as `#id`, in a text that begins with `url(...)`, without its quotes.
 
-    Returns None for a text that does not begin like this.
+    Returns None for a text that does not begin like this, and empty text for `url()`.
     """
     match = _URL.match(text)
     return (match[1] or match[2] or match[3] or "") if match else None
@@ -251,6 +252,7 @@ PARSERS: dict[str, Callable[..., Any]] = {
 }
 """The parser of each field of `Style`.
 
-Its arguments are the text of the value, the style of the parent, the viewport, and the font size of
-the element in user units. It raises `ValueError` for text that is no value of the property.
+Its arguments are the text of the value without blanks around it, the style of the parent, the
+viewport, and the font size of the element in user units. It raises `ValueError` for text that is no
+value of the property. Keywords that every property accepts, such as `inherit`, are not parsed here.
 """

@@ -35,7 +35,7 @@ class Style(NamedTuple):
       last two may also be `CURRENT`, which stands for `color`.
     - `stroke_dasharray`: an even number of lengths; empty for a solid line.
     - `paint_order`: `"fill"` and `"stroke"`, in the order in which they are painted.
-    - `overflow`: empty if it is not declared.
+    - `overflow`: empty if it is not declared; it may have two keywords, for x and y.
     - `clip_path`: text of the property, such as `url(#id)`; None for `none`.
     - `transform_origin`: text of the property.
     """
