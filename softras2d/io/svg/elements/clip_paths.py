@@ -59,7 +59,10 @@ class ClipPaths:
         return region
 
     def needs_box(self, style: Style) -> bool:
-        """Whether the clip path of a style depends on the bounding box of its element."""
+        """Whether the clip path of a style depends on the bounding box of its element.
+
+        False if the style has no clip path, or an invalid one.
+        """
         # A clip path of a clip path is relative to the same box.
         for _ in range(_MAX_NESTING):
             if style.clip_path is None:
@@ -83,8 +86,8 @@ class ClipPaths:
           to itself is recognized.
 
         Returns None for the whole plane: if no clip path is declared, or if the declaration is
-        invalid, which is noted. Returns `EMPTY` if the region is relative to a box that is None or
-        has no area.
+        invalid or not supported, which is noted. Returns `EMPTY` if the region is relative to a box
+        that is None or has no area.
         """
         if style.clip_path is None:
             return None
@@ -123,6 +126,8 @@ class ClipPaths:
         - `in_box`: whether `clipPathUnits` is `objectBoundingBox`, so that the clip path's units
           are the sides of `box`.
         - `chain`: as in `_declared_region`, with `target` as its last entry.
+
+        Returns an empty region if no child has an area.
         """
         style, outer_map = self._page.style_in_document(target), map3
         map3 = map_of_element(self._page, target, self._page.declared(target), style, map3)
@@ -197,7 +202,7 @@ class ClipPaths:
     def _shape_region(
         self, shape: Element, lengths: ElementLengths, style: Style, map3: np.ndarray
     ) -> Any:
-        """The inside of a shape by its `clip-rule`, in pixels; None if it has no area.
+        """The inside of a shape by its `clip-rule`, in pixels; None or empty if it has no area.
 
         `lengths` reads the shape's attributes, and `map3` maps its user units to pixels. Raises
         `ValueError` for a coordinate that is not finite.

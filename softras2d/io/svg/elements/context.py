@@ -31,8 +31,8 @@ class Context:
 
     - `name`: name of the document in errors and warnings.
     - `height`, `width`: size of the canvas in pixels.
-    - `transform`: the caller's homogeneous map `[3, 3]` from SVG units to pixels; None for the
-      map of the dialect.
+    - `transform`: the caller's homogeneous map `[3, 3]` from the root's user units to pixels, which
+      replaces the fit of the drawing into the canvas; None for that of the dialect.
     - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
     - `frame`: whether the course's outline of the drawing is drawn, in dialect `course`.
     - `fit`: text that replaces the root's `preserveAspectRatio`; None to use the root's.
@@ -59,9 +59,10 @@ class Context:
     ignored: Counter[str] = field(default_factory=Counter)
 
     def declare_texture(self, attributes: Attributes) -> None:
-        """Remember the file of a `texture` element by its `texid`, for later elements.
+        """Remember the file `filename` of a `texture` element by its `texid`, for later elements.
 
-        Raises `ValueError` for a file that does not exist or may not be read.
+        `attributes` are those of the element. Raises `ValueError` for a file that does not exist or
+        may not be read.
         """
         self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
 

@@ -117,8 +117,9 @@ _FUNCTIONS = {
 def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `transform`; returns its homogeneous matrix, in user units.
 
-    `units` are the sizes to which lengths are relative. Empty text and keywords such as `none` give
-    the identity. Raises `ValueError` for invalid text, and for functions in three dimensions.
+    The matrix maps columns (x, y, 1). `units` are the sizes to which lengths are relative. Empty
+    text, `none`, `initial` and `unset` give the identity. Raises `ValueError` for invalid text, and
+    for functions in three dimensions.
     """
     product, position = affine_maps.identity(), 0
     text = text.strip()
@@ -137,7 +138,7 @@ def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `translate`, which has one or two lengths.
 
-    The result and errors are as for `transform_property`.
+    The result and errors are as for `transform_property`, but empty text is an error.
     """
     return _property("translate", text, units)
 
@@ -145,7 +146,7 @@ def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `rotate`, whose axis must be z or not given.
 
-    The result and errors are as for `transform_property`.
+    The result and errors are as for `translate_property`.
     """
     words = text.lower().split()
     if len(words) == 2 and "z" in words:
@@ -156,7 +157,7 @@ def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `scale`, which has one factor for both axes, or one for each.
 
-    The result and errors are as for `transform_property`.
+    The result and errors are as for `translate_property`.
     """
     return _property("scale", text, units)
 

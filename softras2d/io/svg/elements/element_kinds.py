@@ -13,10 +13,10 @@ LANGUAGE = "en"
 """The language that this reader assumes of its user, for `systemLanguage`."""
 
 CONTAINERS = frozenset({"a", "g", "svg", "switch", "symbol", "use"})
-"""Elements whose children are drawn."""
+"""Elements whose children are drawn, or, for a `use`, the element to which it refers."""
 
 EXTENSIONS = frozenset({"colortri", "image", "textri"})
-"""Elements that `extensions.py` draws."""
+"""Elements that are drawn in another way than as paths, by `painting/extensions.py`."""
 
 NEVER_DRAWN = frozenset({
     "clipPath", "color-profile", "cursor", "defs", "desc", "filter", "font", "font-face",
@@ -42,8 +42,9 @@ def is_drawable(name: str) -> bool:
 def meets_conditions(element: Element) -> bool:
     """Whether an element may be drawn according to its conditional attributes.
 
-    An element with `requiredExtensions` may not, since no extension is supported. An element with
-    `systemLanguage` may if the list in it has `LANGUAGE` or a variant of it, such as `en-GB`.
+    An element without such attributes may. One with `requiredExtensions` may not, since no
+    extension is supported. One with `systemLanguage` may if the list in it has `LANGUAGE` or a
+    variant of it, such as `en-GB`.
 
     **Source:** SVG 2, section 5.6.
     """

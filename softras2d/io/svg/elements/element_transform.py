@@ -45,8 +45,9 @@ def element_transform(
     - `bounds`: returns the bounding box of the element in its user units, or None if it has none.
       It is called only if the element has a transform, and its `transform-box` is not `view-box`.
 
-    Returns None for an element without a transform. An invalid transform is noted and has no
-    effect.
+    Lengths, and the box of `transform-box: view-box`, are relative to `page.viewport`. The map is
+    about the element's `transform-origin`. Returns None for an element without a transform. An
+    invalid transform is noted and has no effect.
 
     **Source:** *CSS Transforms 1*, and *CSS Transforms 2* for `translate`, `rotate` and `scale`.
     """
@@ -73,8 +74,9 @@ def about_origin(
 ) -> Float64[ndarray, "3 3"]:
     """The map that applies `map3` about the `transform-origin` of a style, instead of about (0, 0).
 
-    `units` are the sizes to which lengths and percentages of the origin are relative. An invalid
-    origin is noted by `report`, and the result is then `map3` itself.
+    The origin is measured from the top left corner of `units.box`, and its lengths and percentages
+    are relative to `units`. The result is `map3` itself for the initial origin, `0 0`, wherever the
+    box lies, and for an invalid origin, which is noted by `report`.
     """
     if style.transform_origin == "0 0":
         return map3

@@ -36,7 +36,7 @@ class InheritedState(NamedTuple):
     instance: Instance | None = None
 
     def is_instance(self, element: Element) -> bool:
-        """Whether an element is the target of the innermost `use`.
+        """Whether an element is the target of the innermost `use` that draws the children.
 
         False for descendants of the target, and for elements that no `use` draws.
         """

@@ -29,8 +29,8 @@ class Page:
     - `viewport`: sizes to which lengths of the element that is being read are relative. The code
       that visits the elements sets it.
     - `ids`: for each `id` in the document, the first element that has it.
-    - `gradient_stops`: the stops of each gradient that has been used, by Python's `id` of its
-      element.
+    - `gradient_stops`: the stops of each gradient that has been used, before the opacity of a shape
+      is applied, by Python's `id` of the gradient's element.
     - `cascade`: the style sheets.
     """
 
@@ -59,7 +59,9 @@ class Page:
         return Report(self, element)
 
     def note(self, element: Element, kind: str, attribute: str, detail: str) -> None:
-        """Note what is wrong with an attribute of an element, unless it has been noted already.
+        """Note what is wrong with an attribute of an element, once for each kind of notice.
+
+        A second notice of the same kind, element and attribute is dropped, whatever its detail.
 
         - `kind`: one of the constants of `notices`, such as `INVALID`.
         - `attribute`: the attribute or property that is the cause.
@@ -87,7 +89,7 @@ class Page:
     def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of an element, given its parent's style and the declarations that apply to it.
 
-        Invalid declarations are noted.
+        Its lengths are relative to `viewport`. Invalid declarations are noted.
         """
         return computed(declared, parent, self.viewport, self.report(element))
 
@@ -101,7 +103,7 @@ class Page:
         """The style of an element, like `computed`; None if its `display` is `none`.
 
         Nothing is noted about an element that is not displayed, since it cannot change the image,
-        nor about the properties that are named in `ineffective`.
+        nor about the CSS properties that are named in `ineffective`.
         """
         notices: list[tuple[str, str, str]] = []
         style = computed(declared, parent, self.viewport, lambda *notice: notices.append(notice))

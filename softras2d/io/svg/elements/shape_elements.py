@@ -49,8 +49,8 @@ class ElementLengths:
     def text(self, name: str) -> str | None:
         """The text of an attribute, or of the CSS property of this name, which outranks it.
 
-        The property stands in a style sheet or in the attribute `style`. Returns None if neither is
-        given.
+        The property stands in a style sheet or in the attribute `style`, and is one that applies to
+        this element. Returns None if neither is given.
         """
         values = self._css_values(name)
         return values[0] if values else self._element.attrib.get(name)
@@ -58,7 +58,8 @@ class ElementLengths:
     def _css_values(self, name: str) -> list[str]:
         """The texts of the property `name` in CSS, highest rank first.
 
-        Empty if no style sheet sets the property, or if it does not apply to this element.
+        Empty if neither a style sheet nor the attribute `style` sets the property, or if it does
+        not apply to this element.
         """
         if name not in _GEOMETRY.get(self._element.name, ()):
             return []
@@ -105,8 +106,8 @@ class ElementLengths:
 def _rect(lengths: ElementLengths) -> Path | None:
     """The path of a `rect`; None if it has no width or no height.
 
-    A corner radius that is missing or `auto` equals the other one; without both, corners are sharp.
-    Radii are at most half of the sides.
+    A corner radius that is missing, invalid or `auto` equals the other one; without both, corners
+    are sharp. Radii are at most half of the sides.
     """
     width, height = lengths.size("width"), lengths.size("height")
     if width <= 0 or height <= 0:
@@ -129,7 +130,7 @@ def _circle(lengths: ElementLengths) -> Path | None:
 def _ellipse(lengths: ElementLengths) -> Path | None:
     """The path of an `ellipse`; None if it has no area.
 
-    A radius that is missing or `auto` equals the radius of the other axis.
+    A radius that is missing, invalid or `auto` equals the radius of the other axis.
     """
     rx, ry = lengths.size("rx", math.nan), lengths.size("ry", math.nan)
     # A radius that is missing or `auto` equals the radius of the other axis.

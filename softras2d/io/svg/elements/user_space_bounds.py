@@ -71,17 +71,20 @@ class _Visit(NamedTuple):
 def bounds_of(
     page: Page, element: Element, style: Style, use: Element | None = None, nesting: int = 0
 ) -> Box | None:
-    """The bounding box of an element's fills, without strokes, in the element's user units.
+    """The bounding box of an element's shapes and images, in the element's user units.
+
+    Strokes do not count. A shape counts even if it has no fill or is not visible, but not if its
+    `display` is `none`. A `colortri` or `textri` does not count.
 
     - `element`: the element, which may be a group.
     - `style`: computed style of the element.
     - `use`: the `use` that draws an instance of `element`; None if it is drawn where it stands.
     - `nesting`: number of bounding boxes whose computation needs this one.
 
-    The lengths of `element` are relative to `page.viewport`. Returns None for an element without
-    points or with points that are not finite, or if `nesting` exceeds `_MAX_NESTING`. Clip paths
-    are not applied. Every element visited is charged to the budget as a copy, because drawing
-    visits it again.
+    The lengths of `element` are relative to `page.viewport`. Its own transform is not applied, but
+    those of its descendants are. Returns None for an element without points or with points that are
+    not finite, or if `nesting` exceeds `_MAX_NESTING`. Clip paths are not applied. Every element
+    visited is charged to the budget as a copy, because drawing visits it again.
 
     **Source:** SVG 2, section 8.10.
     """

@@ -17,7 +17,7 @@ from ..values.numbers import is_number, leading_float, length, number_list
 from ..xml.notices import INVALID
 
 MAX_SIDE = 2**20
-"""Maximum height and width of a canvas, in pixels, as of `plan_tiles`.
+"""Maximum height and width of a canvas, in pixels. `plan_tiles` has the same limit.
 
 The spacing of float32 values is at most 1/16 pixel there.
 """
@@ -73,8 +73,8 @@ def document_size(
 
     Percentages are relative to the viewBox. A side that is missing, `auto` or 100 % is computed
     from the other side and the aspect ratio of the viewBox. If both sides are missing, `auto` or
-    100 %, the viewBox gives the size. Without a viewBox, the size is None unless both sides are
-    given.
+    100 %, the viewBox gives the size. Without a viewBox, or with one that is invalid or has no
+    area, the size is None unless both sides are given as lengths.
     """
     box = None
     try:

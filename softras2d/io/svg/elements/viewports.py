@@ -24,10 +24,12 @@ class RootViewport(NamedTuple):
     """How the root of a document is fitted into the canvas.
 
     - `map3`: homogeneous map `[3, 3]` from the root's user units to pixels of the canvas. Zero if
-      nothing is drawn.
-    - `box`: the viewBox of the root; a box of the document's size if it has none.
+      nothing is drawn, since the viewBox has no area.
+    - `box`: the viewBox of the root. If it has no valid one, a box at (0, 0) of the document's
+      size, or of the canvas's if the document gives no size.
     - `viewport`: sizes to which lengths of the root's children are relative.
-    - `pixels_per_px`: pixels of the canvas per px of the document.
+    - `pixels_per_px`: pixels of the canvas per px of the document, the smaller number of both axes.
+      A map that the caller gave does not change it.
     """
 
     map3: np.ndarray

@@ -39,10 +39,10 @@ def draw_extension(
     - `placement`: map to pixels, clip, and sink of the result.
     - `style`: computed style of the element.
     - `opacity`: the element's `opacity`, in 0..1. For a `colortri` or `textri`, it is multiplied by
-      `fill-opacity`.
+      `fill-opacity`. If the reader does not apply opacities, both are ignored.
 
-    Raises `ValueError` for an invalid attribute of a `colortri` or `textri`. An image that cannot
-    be read is left out and noted.
+    The caller tests `visibility`. Raises `ValueError` for an invalid attribute of a `colortri` or
+    `textri`. An image that cannot be read is left out and noted.
     """
     if element.name == "image":
         # `fill-opacity` does not apply to images.
@@ -54,7 +54,8 @@ def draw_extension(
 def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: float) -> None:
     """Draw a `colortri`, with a colour for each corner, or a `textri`, with a texture.
 
-    `opacity` is a factor of the alpha, in 0..1. Raises `ValueError` for an invalid attribute.
+    `opacity` is a factor of the alpha, in 0..1. Everything is opaque if the reader does not apply
+    opacities. Raises `ValueError` for an invalid attribute.
     """
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
@@ -85,7 +86,8 @@ def _draw_image(
 
     `opacity` is a factor of the texture's alpha, in 0..1. A side that is missing or `auto` follows
     from the other side, or from the picture, whose pixels count as user units. An image that cannot
-    be read is noted. It is not drawn, and neither is one of no width or height.
+    be read and a negative side are noted. Such an image is not drawn, and neither is one without
+    width or height.
     """
     href = element.attrib.get("href")
     if href is None:
@@ -139,9 +141,12 @@ def _add_textured(
 ) -> None:
     """Add a convex polygon with a texture to the sink of a placement, clipped to its clip.
 
-    - `points`, `uv`: vertices in pixels, and their texture coordinates.
+    - `points`, `uv`: vertices in pixels, and their texture coordinates (u right, v down, 0..1
+      across the texture). If the polygon is clipped, those of the first three vertices determine
+      the rest.
     - `texture`: index in `Assets.textures`.
-    - `opacity`: factor of the texture's alpha, in 0..1.
+    - `opacity`: factor of the texture's alpha, in 0..1, which counts as 1 if the reader does not
+      apply opacities.
     """
     alpha = opacity if page.context.opacity else 1.0
     translucent = alpha < 1 or page.context.assets.textures[texture].shape[-1] == 4

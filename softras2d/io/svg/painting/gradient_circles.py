@@ -33,7 +33,8 @@ class Circles(Protocol):
     def circle(self, position: float, rays: Float[np.ndarray, "rays 2"]) -> np.ndarray:
         """The points `[rays, 2]` at which rays meet the circle of a position.
 
-        `rays` is a result of the method `rays`. Points are in the gradient's units.
+        `rays` is a result of the method `rays`, and `position` is not below the lower bound that
+        `span` returns. Points are in the gradient's units.
         """
         ...
 
@@ -45,9 +46,10 @@ class Circles(Protocol):
         ...
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radii of the circles, up to a position, that paint an area.
+        """Bound on the radii of the circles, up to a position, that paint an area.
 
-        The area is the convex hull of `points`, in the gradient's units.
+        The area is the convex hull of `points`, in the gradient's units. The bound of a `Cone` is
+        only an estimate.
         """
         ...
 
@@ -108,9 +110,10 @@ class Cone(NamedTuple):
         return -start / (1.0 - start), (scale - start) / (1.0 - start)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Upper bound on the radii of the circles, up to a position, that paint an area.
+        """Estimate of the largest radius of the circles, up to a position, that paint an area.
 
-        The area is the convex hull of `points`, in the gradient's units.
+        The area is the convex hull of `points`, in the gradient's units. The true radius may be
+        larger if the apex is not the center of the circles, or if `position` is below 1.
         """
         reached = min(self._farthest(points), self.radius * position)
         return max(self.radius * min(position, 1.0), reached)

@@ -16,7 +16,7 @@ from ...budget import Budget
 from ..canvas.paint import Paint, Stop, constant_paint, linear_paint
 
 BORDER_SHIFT = 2.0**-14 * 0.618
-"""Distance by which borders between pieces are moved, in positions along the gradient.
+"""Amount by which borders between pieces are moved to larger positions along the gradient.
 
 Samples lie at simple fractions, and so do most stops. Moving the borders keeps samples off them: a
 sample on a border would be blended by both pieces if they are translucent.
@@ -59,7 +59,7 @@ Gradient = LinearGradient | RadialGradient
 
 
 class Interval(NamedTuple):
-    """An interval of positions along a gradient, between two stops.
+    """An interval of positions along a gradient, between two stops or beyond the outermost one.
 
     - `start`, `end`: positions, of which one may be infinite. Both colours are then the same.
     - `start_color`, `end_color`: colours at these positions, sRGB with straight alpha, `[4]`. The
@@ -117,8 +117,9 @@ def intervals(gradient: Gradient, low: float, high: float, budget: Budget) -> It
 
     With `pad`, the result has all intervals between stops. An infinite interval precedes or follows
     them if the positions reach beyond the first or the last stop. With `repeat` and `reflect`, the
-    result has the intervals of all periods that meet the positions. All borders between intervals
-    are moved by `BORDER_SHIFT`.
+    result has the intervals of all periods that meet the positions; the colours of the first and
+    last stop continue to the ends of each period. All borders between intervals are moved by
+    `BORDER_SHIFT`.
 
     Raises `ValueError` for too many periods, and for work beyond the budget.
     """

@@ -43,12 +43,12 @@ def becomes_background(
     """Make a rect the background if it is the first shape, opaque, and covers viewBox and canvas.
 
     - `path`, `style`, `placement`: path, computed style and placement of the rect.
-    - `box`: viewBox of the root, in its user units. The viewBox may leave margins on the canvas,
-      which the rect does not cover, so a rect that covers the viewBox alone is no background.
+    - `box`: viewBox of the root, in its user units.
 
-    The rect must equal `box`, and have sharp corners, a constant colour and no stroke. It must not
-    be clipped or in a group with opacity. Returns whether the rect has become the background,
-    `page.context.background`, so that it need not be drawn.
+    The rect must equal `box`, and have sharp corners, a constant colour and no stroke. It must also
+    cover the canvas, on which the viewBox may leave margins. It must not be clipped or in a group
+    with opacity. The caller tests its `opacity` and `visibility`. Returns whether the rect has
+    become the background, `page.context.background`, so that it need not be drawn.
     """
     context = page.context
     paint = style.color if style.fill == CURRENT else style.fill

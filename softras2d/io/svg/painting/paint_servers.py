@@ -39,12 +39,14 @@ def gradient_fill(
 
     - `box`: bounding box of the shape in user units.
     - `map3`: homogeneous map `[3, 3]` from the shape's user units to pixels.
-    - `opacity`: factor of the alpha of all colours, in 0..1.
+    - `opacity`: factor of the alpha of all colours, in 0..1; ignored if the reader does not apply
+      opacities.
 
     Returns a colour if the gradient has a single stop, or a line or radius of length 0. Returns
-    None if it paints nothing, for example without stops or if its map has no inverse. Returns False
-    if the gradient is relative to a box without area; the caller then paints the fallback of the
-    reference. Raises `ValueError` for a map in perspective.
+    None if it paints nothing: without stops, if this colour is fully transparent, if both circles
+    are equal, or if its map has no inverse. Returns False if the gradient is relative to a box
+    without area; the caller then paints the fallback of the reference. Raises `ValueError` for a
+    map in perspective.
 
     **Source:** SVG 2, section 14.2.
     """
@@ -237,7 +239,7 @@ def _linear(
     to_pixels: np.ndarray,
     in_box: bool,
 ) -> Fill:
-    """The paint of a `linearGradient`; the colour of the last stop if the line has no length.
+    """The paint of a `linearGradient`; the colour of the last stop for a length of 0 or infinity.
 
     - `chain`: the gradient, followed by those to which it refers.
     - `stops`: at least two, with offsets that do not decrease.

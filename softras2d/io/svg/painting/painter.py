@@ -72,7 +72,9 @@ class Painter:
         - `placement`: map to pixels, clip, and sink of the shapes.
         - `opacity`: factor of the alpha of fill and stroke, in 0..1.
 
-        Nothing is painted unless `visibility` is `visible`.
+        Nothing is painted unless `visibility` is `visible`. Raises `ValueError` for points that the
+        map sends to infinity or beyond (w <= 0), for a gradient under a map in perspective, and for
+        work beyond the budget.
         """
         if style.visibility != "visible":
             return
@@ -167,8 +169,9 @@ class Painter:
     ) -> list[Outline]:
         """The outlines to stroke for a path: one for each contour, or one for each dash.
 
-        - `flat_path`, `points`: the flattened path, and its points in user units or in pixels.
-        - `style`: gives the properties of the stroke, and the dashes.
+        - `flat_path`, `points`: the flattened path, and its points in user units or, for a stroke
+          that does not scale, in pixels. The outlines are in the units of `points`.
+        - `style`: gives the properties of the stroke, and the dashes, in the same units.
         - `scale`: pixels per unit of `points`.
 
         A contour of a single point has no outline unless it is closed.
@@ -204,7 +207,8 @@ class Painter:
         - `contours`: `[n, 2]` each, the flattened path, in user units or in pixels.
         - `closed`: whether each contour is closed.
 
-        The style's pattern and offset are in units in which the complete path is `pathLength` long.
+        `element` must have this attribute. The style's pattern and offset are in units in which the
+        complete path is `pathLength` long.
         They are converted to the units of `contours`. The pattern is empty for a stroke without
         gaps. An invalid `pathLength` is noted and has no effect.
 
@@ -298,8 +302,10 @@ class Painter:
 
         If the reader does not apply opacities, `opacity` is ignored and the paint is opaque.
         Returns None if nothing is painted, for example for a colour of alpha 0 or a stroke of
-        opacity 0. A reference to a pattern is noted. A reference to something that is no paint is
-        noted if it has no fallback.
+        opacity 0. The fallback of a reference is used if its gradient is relative to a box without
+        area, and for everything that is no gradient. A reference to a pattern is noted, unless the
+        pattern does not apply. A reference to something that is no paint is noted if it has no
+        fallback.
         """
         opacity = opacity if self._page.context.opacity else 1.0
         if isinstance(paint, PaintServer):
@@ -333,6 +339,6 @@ def paints_both(style: Style) -> bool:
 
 
 def _bounds(flat_path: FlatPath) -> Box:
-    """The bounding box of a path's points, without its stroke, in user units."""
+    """The bounding box, in user units, of a path with at least one point, without its stroke."""
     low, high = flat_path.points.min(axis=0).tolist(), flat_path.points.max(axis=0).tolist()
     return Box(low[0], low[1], high[0] - low[0], high[1] - low[1])

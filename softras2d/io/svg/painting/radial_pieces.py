@@ -34,9 +34,10 @@ def radial_pieces(
     - `tolerance`: largest distance between a circle and its polygon, in pixels. It may be larger if
       this changes no colour visibly, or if more than 16384 rays would be needed.
 
-    Each piece has an affine paint. Pieces may reach beyond the box, but those that miss it are left
-    out. No piece lies outside the area that the circles of the gradient cover. Raises `ValueError`
-    for a gradient that repeats too often in the box, and for work beyond the budget.
+    Each piece has an affine paint. Pieces do not overlap. They may reach beyond the box, but those
+    that miss it are left out. No piece lies outside the area that the circles of the gradient
+    cover. Raises `ValueError` for a gradient that repeats too often in the box, and for work beyond
+    the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

@@ -14,8 +14,8 @@ from ....color import linear_to_srgb
 Rgba = tuple[float, float, float, float]
 """Red, green, blue in sRGB, and straight alpha.
 
-Alpha is in 0..1. The other channels are 0..1 for colours that a display can show, and may lie
-outside.
+Alpha is in 0..1. The other channels are 0..1 for colours that a display can show. They may lie
+outside, and may not be finite: code that needs finite colours checks them later.
 """
 
 CURRENT = "currentcolor"
@@ -42,7 +42,8 @@ Larger ones are clamped to it, so that their cubes do not overflow.
 def color_of(text: str) -> Rgba | str | None:
     """Parse a CSS colour, and convert it to sRGB with straight alpha.
 
-    Channels of colours outside sRGB are clipped to 0..1, except for the function `color(...)`.
+    Channels of colours outside sRGB are clipped to 0..1, except for the function `color(...)`,
+    whose channels may also be infinite or NaN.
     Returns `CURRENT` for `currentColor`. Returns None for text that is no colour, that is too long
     or nested too deeply, or whose colour space is not supported, such as `display-p3`.
     """

@@ -140,7 +140,8 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
     - `units`: sizes in px of further units, such as `em`, besides the absolute ones; None for no
       others.
 
-    A number without a unit is in px. Raises `ValueError` for any other text.
+    A number without a unit is in px. The result may be negative. Raises `ValueError` for any other
+    text.
     """
     match = _LENGTH.match(text)
     if match is None:
@@ -176,7 +177,10 @@ def fraction(text: str) -> float:
 
 
 def finite(text: str) -> float:
-    """Parse a number as float64. Raises `ValueError` if it is not finite, or no number."""
+    """Parse a number as float64, in any spelling that Python reads, such as `1_000`.
+
+    Raises `ValueError` if it is not finite, or no number.
+    """
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{_excerpt(text)} is not a finite number.")
@@ -184,7 +188,7 @@ def finite(text: str) -> float:
 
 
 def finite32(text: str) -> float:
-    """Parse a number and round it to float32.
+    """Parse a number, in any spelling that Python reads, and round it to float32.
 
     Raises `ValueError` if it is not finite in float32, or no number.
     """

@@ -33,7 +33,7 @@ def parse_path_data(text: str) -> tuple[Path, str | None]:
     """Parse path data up to the first error.
 
     Returns the path before the error, in user units, and the message of the error; None if there is
-    no error.
+    no error. Empty text and `none` give an empty path.
 
     **Source:** SVG 2, section 9.3.9 (grammar) and 9.5.4 (error handling).
     """
@@ -112,7 +112,10 @@ _PLAIN_WORD = re.compile(r"(?:-?+(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?+|[A-Za-z])\Z")
 
 
 class PathPen:
-    """A pen of fontTools that builds a `Path`. It receives segments in absolute coordinates."""
+    """A pen of fontTools that builds the `Path` in its attribute `path`.
+
+    It receives segments in absolute coordinates. `moveTo` must come before any segment.
+    """
 
     def __init__(self):
         self.path = Path()
@@ -187,9 +190,8 @@ class PathPen:
     def _is_at_start(self, subpath: Subpath, index: int) -> bool:
         """Whether the point with an index in `Path.points` equals the start of a subpath.
 
-        They are equal if both coordinates differ by less than `_SAME_POINT` times the largest.
-
-        Relative commands accumulate rounding errors.
+        They count as equal if both coordinates differ by less than `_SAME_POINT` times the largest
+        absolute coordinate of the subpath, since relative commands accumulate rounding errors.
         """
         (x, y), (start_x, start_y) = self.path.points[index], self.path.points[subpath.start]
         if (x, y) == (start_x, start_y):
@@ -232,7 +234,7 @@ def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: fl
 
     - `x`, `y`: the top left corner.
     - `rx`, `ry`: radii of rounded corners, at most half of the sides. Corners are sharp if either
-      is 0.
+      is 0. All points of a rect with rounded corners are in `Path.fixed`.
 
     **Source:** SVG 2, section 10.2.
     """

@@ -13,7 +13,8 @@ def transform_origin(
     - `text`: one to three values, of which the third, z, is ignored.
     - `box`: the reference box (x, y, width, height) in user units. Keywords, lengths and
       percentages are relative to its top left corner.
-    - `viewport`, `font_size`: resolve units such as `vw` and `em`.
+    - `viewport`, `font_size`: resolve units such as `vw` and `em`. A number without a unit is in
+      user units.
 
     Raises `ValueError` for text that is no origin.
 
