@@ -354,7 +354,7 @@ def _floats(name: str, value: Any, dtype: Any) -> Any:
     """Convert a value to an array of floats of `dtype`, on the host or traced.
 
     With `dtype` None, floats keep their dtype, except that float64 becomes float32 without
-    `jax_enable_x64`. Integers then become float32, and half precision raises `ValueError`.
+    `jax_enable_x64`, integers become float32, and half precision is refused. Errors say `name`.
     """
     array = _numbers(name, value)
     if dtype is None:

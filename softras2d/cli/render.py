@@ -240,6 +240,7 @@ def _render(path: Path, target: Path, settings: RenderOptions, truncate: bool) -
 
     - `path`: an SVG file, `-` for standard input, or the name of a bundled scene.
     - `target`: the image file; `-` is a PNG on standard output.
+    - `settings`: how the scene is read and drawn.
     - `truncate`: whether values are truncated to 8 bits, instead of rounded.
     """
     from .render_steps import make_plan, read_scene, render_image, window_size

@@ -28,7 +28,9 @@ a pixel. The damping would never fall."""
 
 
 _PRODUCTS = 20
-"""Maximum number of products with the Jacobian in one step, and of products with its transpose."""
+"""Maximum number of iterations of LSMR in one step.
+
+Each takes one product with the Jacobian, and one with its transpose."""
 
 
 class ByProducts(optx.AbstractGaussNewton):
@@ -57,7 +59,8 @@ class ByProducts(optx.AbstractGaussNewton):
 def levenberg_marquardt(products: int = _PRODUCTS) -> ByProducts:
     """Make a solver by the Levenberg-Marquardt method.
 
-    Each step takes at most `products` products with the Jacobian, and as many with its transpose.
+    Each step solves a linear problem by at most `products` iterations of LSMR, and uses the result
+    as it is then. An iteration takes one product with the Jacobian, and one with its transpose.
     """
     return ByProducts(optx.DampedNewtonDescent(linear_solver=_inner(products)))
 

@@ -13,9 +13,9 @@ Otherwise, and if the two samples lie in different tiles, the few crossings with
 visited again in `layers_inside`. Layers that cover both samples have the transmittance and the
 depth of the sample outside, whether or not the samples lie in one tile.
 
-At the border of the canvas, both samples of a crossing are the same sample, and the edge's triangle
-covers it. A triangle that is drawn later but lies deeper fails the depth test there, so it is not a
-layer of the sample. Without the edge's triangle it would be visible; this file leaves it out.
+At the border of the canvas, both samples of a crossing may be the same sample. If the edge's
+triangle covers it, a triangle that is drawn later but lies deeper fails the depth test there, so it
+is not a layer of the sample. It would be visible without the edge's triangle; this file omits it.
 """
 
 from typing import NamedTuple

@@ -121,15 +121,16 @@ class CoverageMode(abc.ABC):
     def is_sum(self, coverage: Any) -> bool:
         """Whether triangles are added with signed areas instead of composited; false by default.
 
-        If they are added, no triangle hides another.
+        `coverage` is the option, such as `Area(...)`. If they are added, no triangle hides another.
         """
         return False
 
     def gradient_border(self, coverage: Any) -> int:
         """Width, in pixels, of the border that gradients of a window need; 0 by default.
 
-        A window is a part of a larger canvas that is drawn by itself (`tiled`). Its gradient may
-        depend on the pixels within this distance around it.
+        `coverage` is the option, such as `Hard(...)`. A window is a part of a larger canvas that is
+        drawn by itself (`tiled`). Its gradient may depend on the pixels within this distance around
+        it.
         """
         return 0
 

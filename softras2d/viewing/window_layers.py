@@ -60,8 +60,9 @@ class WindowLayers(NamedTuple):
 def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray, " triangles"]]:
     """Select the triangles whose bounding box comes within `margin` pixels of the window of a view.
 
-    Returns a scene of these triangles, and the index of each in `scene`. Colours in the window stay
-    the same if `margin` is at least the distance to which the coverage reaches beyond triangles.
+    `scene` is already enlarged by the view's zoom. Returns a scene of these triangles in their draw
+    order, and the index of each in `scene`. Colours in the window stay the same if `margin` is at
+    least the distance to which the coverage reaches beyond triangles.
     """
     corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
     low = np.array([view.x, view.y]) - margin

@@ -1,8 +1,9 @@
 """Flattens paths of lines, Bezier curves and elliptical arcs to polygons, within a tolerance.
 
-A curve is evaluated at evenly spaced parameters; only the number of parameters depends on the
-control points. Each vertex of the polygon is therefore a fixed linear combination of control
-points, with Bernstein polynomials as weights, and can be moved with them.
+A Bezier curve is evaluated at evenly spaced parameters; only the number of parameters depends on
+the control points. Each vertex of the polygon is therefore a fixed linear combination of control
+points, with Bernstein polynomials as weights, and can be moved with them. Vertices inside an
+elliptical arc are no such combination, and cannot be moved.
 """
 
 import math
@@ -28,7 +29,8 @@ class Path:
     - `points`: the control points of all segments, `(x, y)`, to which segments refer by index.
     - `subpaths`: chains of segments.
     - `fixed`: indices of points that do not count as control points of the file, because the file
-      gives them by other attributes, such as a center and radii.
+      gives them by other attributes, such as a center and radii. A vertex of the polygon that
+      depends on one of them cannot be moved.
     """
 
     points: list[tuple[float, float]] = field(default_factory=list)

@@ -168,10 +168,11 @@ class PathPen:
             subpath.segments.append(Arc(self.path.add_point(*end), *ellipse))
 
     def closePath(self) -> None:
-        """Close the subpath.
+        """Close the subpath; `moveTo` must begin the next one.
 
-        If the last segment ends at the subpath's start, up to rounding, both points become one
-        control point: the last point is deleted from `path.points`.
+        If the subpath ends away from its start, a straight line between them is implied
+        (`Subpath.closed`). If the last segment ends at the subpath's start, up to rounding, both
+        points become one control point: the last point is deleted from `path.points`.
         """
         subpath = self.path.subpaths[-1]
         subpath.closed = True
