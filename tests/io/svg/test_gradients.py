@@ -3,11 +3,14 @@
 The expected colour of a point is computed from the stops and the geometry of the gradient alone.
 """
 
+import math
 import warnings
 
 import numpy as np
 import pytest
 
+from softras2d.io.svg.painting.gradient_circles import circles_of
+from softras2d.io.svg.painting.gradient_pieces import RadialGradient
 from softras2d.io.svg.reading.reader import parse_svg
 
 from ...cases.drawings import colors_at
@@ -78,6 +81,78 @@ def test_halving_the_tolerance_takes_more_rays():
         read(gradient, tolerance=tolerance).triangles.shape[0] for tolerance in (0.4, 0.1)
     )
     assert fine == pytest.approx(2 * coarse, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "focus", "start_radius", "position"),
+    [
+        # A jump near a large start circle.
+        ([50, 40], 80, [50, 40], 30, 0.1),
+        ([50, 40], 60, [45, 38], 25, 0.2),
+        # Repeated circles, which are far larger than their distance from the apex.
+        ([50, 40], 12, [40, 40], 0, 15.5),
+        ([50, 40], 12, [43, 33], 1, 25.5),
+    ],
+)
+def test_circles_are_within_the_tolerance(center, radius, focus, start_radius, position):
+    """Two flat colours meet at the circle of a position, within 0.02 pixels on both sides."""
+    offset, spread = position % 1, "repeat" if position > 1 else "pad"
+    stops = f'<stop/><stop offset="{offset}"/><stop offset="{offset}" stop-color="#fff"/>'
+    scene = read(
+        f'<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="{center[0]}" cy="{center[1]}" '
+        f'r="{radius}" fx="{focus[0]}" fy="{focus[1]}" fr="{start_radius}" '
+        f'spreadMethod="{spread}">{stops}</radialGradient>'
+    )
+    axis = np.subtract(center, focus)
+    middle = focus + position * axis
+    circle_radius = start_radius + position * (radius - start_radius)
+    # The side of the circle that faces the focus is the one in the canvas.
+    angle = math.atan2(*-axis[::-1]) + np.linspace(-1.0, 1.0, 4001)
+    rays = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    inside = middle + (circle_radius - 0.022) * rays
+    outside = middle + (circle_radius + 0.022) * rays
+    is_shown = ((inside > 1) & (inside < [99, 79])).all(axis=1)
+    assert is_shown.sum() > 300
+    colors = [colors_at(scene, points[is_shown][::2])[:, 0] for points in (inside, outside)]
+    np.testing.assert_array_equal(colors, [0 * colors[0], 0 * colors[1] + 1])
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "focus", "start_radius"),
+    [
+        ((0, 0), 2, (0, 0), 0),
+        ((1, 0), 3, (-1, 1), 0.5),
+        ((0, 1), 2, (1, 2.7), 0.01),
+        ((2, 0), 2, (-1, -1), 0.5),
+        ((-4, 1), 0.5, (3, 0), 0.1),
+    ],
+)
+def test_the_bound_on_radii_holds(center, radius, focus, start_radius):
+    box = np.array([[-5.0, -4.0], [9.0, -4.0], [9.0, 3.0], [-5.0, 3.0]])
+    inside = np.random.default_rng(0).uniform([-5, -4], [9, 3], (500, 2))
+    points = np.concatenate([box, inside])
+    circles = circles_of(
+        RadialGradient((), "pad", np.eye(3), center, float(radius), focus, float(start_radius))
+    )
+    # The circle of position t through a point v from the focus: |v - t axis| = r0 + t growth.
+    growth, axis, vectors = radius - start_radius, np.subtract(center, focus), points - focus
+    largest = 0.0
+    for vector in vectors:
+        polynomial = [
+            axis @ axis - growth**2,
+            -2 * (vector @ axis + start_radius * growth),
+            vector @ vector - start_radius**2,
+        ]
+        positions = np.roots(polynomial)
+        radii = start_radius + positions[np.isreal(positions)].real * growth
+        largest = max(largest, radii.max(initial=0.0))
+    bound = circles.largest_radius(1e9, box)
+    assert largest <= bound * (1 + 1e-9)
+    if np.hypot(*axis) < growth:
+        assert largest == pytest.approx(bound)
+    for position in (0.0, 0.1, 0.9, 2.5):
+        wanted = min(start_radius + position * growth, bound)
+        assert circles.largest_radius(position, box) == pytest.approx(wanted)
 
 
 def test_start_circles_and_cones():

@@ -46,10 +46,9 @@ class Circles(Protocol):
         ...
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Bound on the radii of the circles, up to a position, that paint an area.
+        """Upper bound on the radii of the circles, up to a position, that paint an area.
 
-        The area is the convex hull of `points`, in the gradient's units. The bound of a `Cone` is
-        only an estimate.
+        The area is the convex hull of `points`. The bound and `points` are in the gradient's units.
         """
         ...
 
@@ -110,13 +109,31 @@ class Cone(NamedTuple):
         return -start / (1.0 - start), (scale - start) / (1.0 - start)
 
     def largest_radius(self, position: float, points: Float[np.ndarray, "n 2"]) -> float:
-        """Estimate of the largest radius of the circles, up to a position, that paint an area.
+        """Upper bound on the radii of the circles, up to a position, that paint an area.
 
-        The area is the convex hull of `points`, in the gradient's units. The true radius may be
-        larger if the apex is not the center of the circles, or if `position` is below 1.
+        The area is the convex hull of `points`. The bound and `points` are in the gradient's units.
+        If the apex lies inside of the circles, the bound is attained by the circle of `position`,
+        or by one through a point of the area.
         """
-        reached = min(self._farthest(points), self.radius * position)
-        return max(self.radius * min(position, 1.0), reached)
+        scale = self.start_scale + (1.0 - self.start_scale) * position
+        return self.radius * min(scale, self._largest_scale(points))
+
+    def _largest_scale(self, points: Float[np.ndarray, "n 2"]) -> float:
+        """Upper bound on the scales of the circles that paint the convex hull of `points`."""
+        distance = float(np.hypot(*self.offset))
+        if distance >= self.radius:
+            # A circle is nearest to the apex where it crosses the axis of the cone.
+            return self._farthest(points) / max(distance - self.radius, 1e-9)
+        # In units of `radius`, a point p, relative to the apex, lies on the circle of scale s if
+        # |p - s offset| = s. This s is a convex function of p, so it is largest at a vertex.
+        with np.errstate(all="ignore"):
+            vectors, offset = (points - self.apex) / self.radius, self.offset / self.radius
+            along, squared = vectors @ offset, (vectors**2).sum(axis=1)
+            difference = 1.0 - float(offset @ offset)
+            root = np.sqrt(along**2 + difference * squared)
+            # Both forms are the same value, but each is free of cancellation for one sign only.
+            scales = np.where(along > 0, squared / (root + along), (root - along) / difference)
+        return float(scales.max()) if np.isfinite(scales).all() else math.inf
 
     def _farthest(self, points: Float[np.ndarray, "n 2"]) -> float:
         """Distance from the apex to the farthest of `points`."""
