@@ -227,19 +227,16 @@ def test_css_transforms(style):
     ("declaration", "reason"),
     [
         ("transform: translate(40, 30)", "length '40' has no unit"),
-        ("transform: rotate(180)", "angle '180' has no unit"),
-        ("transform: skewX(10)", "angle '10' has no unit"),
         ("transform: translate(40px 30px)", "expected a length"),
-        ("transform: scale(2 2)", "could not"),
+        ("transform: rotate(180)", "'180' has no"), ("transform: skewX(10)", "'10' has no unit"),
+        ("transform: scale(2 2)", "not a finite"), ("transform: scale(1_0)", "not a finite"),
         ("transform: translate(40px), scale(2)", "expected a function"),
         ("transform: scale(2, 2, 2)", "takes 1 or 2 values, got 3"),
-        ("transform: matrix(1, 0, 0, 1, 9px, 0)", "9px"),
-        ("translate: 40 30", "length '40' has no unit"),
-        ("rotate: 180", "angle '180' has no unit"),
+        ("transform: matrix(1, 0, 0, 1, 9px, 0)", "9px"), ("scale: 2px", "2px"),
+        ("translate: 40 30", "length '40' has no unit"), ("rotate: 180", "angle '180' has no unit"),
         ("rotate: x 180deg", "takes 1 values, got 2"),
-        ("scale: 2px", "2px"),
     ],
-)
+)  # fmt: skip
 def test_invalid_css_transforms_are_named(declaration, reason):
     name = declaration.partition(":")[0]
     with pytest.warns(UserWarning, match=f"invalid: {name} of <rect> .line 1: .*{reason}"):

@@ -217,7 +217,7 @@ class Painter:
         pattern, offset = style.stroke_dasharray, style.stroke_dashoffset
         report = self._page.report(element)
         try:
-            stated = finite(element.attrib["pathLength"])
+            stated = finite(element.attrib["pathLength"].strip())
         except ValueError:
             report(INVALID, "pathLength", "is not a finite number")
             return pattern, offset

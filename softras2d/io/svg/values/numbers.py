@@ -16,6 +16,7 @@ import numpy as np
 NUMBER = r"[+-]?+(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?+[0-9]++)?+"
 """Regular expression that matches a number in SVG, without groups."""
 
+_NUMBER = re.compile(NUMBER)
 _NEXT = re.compile(rf"\s*+(,?+)\s*+({NUMBER})")
 _LEADING = re.compile(rf"\s*+({NUMBER})")
 _LENGTH = re.compile(rf"\s*+({NUMBER})\s*+([a-zA-Z]++|%?+)\s*+\Z")
@@ -177,12 +178,12 @@ def fraction(text: str) -> float:
 
 
 def finite(text: str) -> float:
-    """Parse a number as float64, in any spelling that Python reads, such as `1_000`.
+    """Parse a number as float64, by the grammar of SVG and without blanks around it.
 
-    Raises `ValueError` if it is not finite, or no number.
+    Raises `ValueError` if it is not finite, and for any other text, such as `1_000`, which Python
+    would read.
     """
-    value = float(text)
-    if not math.isfinite(value):
+    if not _NUMBER.fullmatch(text) or not math.isfinite(value := float(text)):
         raise ValueError(f"{_excerpt(text)} is not a finite number.")
     return value
 

@@ -14,6 +14,7 @@ from softras2d.io.svg.elements.view_box import Box
 from softras2d.io.svg.values import transform_attribute
 from softras2d.io.svg.values.numbers import (
     blank_separated,
+    finite,
     leading_float,
     length,
     number_list,
@@ -49,6 +50,21 @@ def test_invalid_number_lists_are_refused(text):
         assert number_list("1 2") == [1, 2]
     with pytest.raises(ValueError, match=r"expected a number|finite"):
         number_list(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"), [("12", 12), ("-.5", -0.5), ("+1e3", 1000), ("1.", 1), ("007", 7)]
+)
+def test_single_numbers_by_hand(text, number):
+    assert finite(text) == number
+
+
+@pytest.mark.parametrize(
+    "text", ["1_000", "1e1_0", "٣", "nan", "-Infinity", "1e999", "0x1", "", " 1", "1\n", "1px"]
+)
+def test_spellings_that_only_python_reads_are_no_numbers(text):
+    with pytest.raises(ValueError, match="finite number"):
+        finite(text)
 
 
 @given(st.lists(FINITE), st.sampled_from([" ", ",", " , ", "\n"]))
