@@ -3,11 +3,14 @@
 `PARSERS` has one parser for each property.
 """
 
+import contextlib
 import re
 from collections.abc import Callable
 from typing import Any
 
-from ..values.css_color import CURRENT, Rgba, color_of
+import tinycss2
+
+from ..values.css_color import CURRENT, Rgba, color_of, nesting
 from ..values.numbers import finite, fraction
 from ..values.units import Viewport
 from .font_size import font_size_of
@@ -16,8 +19,11 @@ from .style import INITIAL, Paint, PaintServer, Style
 _URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s*+")
 """Matches `url(...)` and the blanks after it. One of its three groups is the reference."""
 
-_WORD = re.compile(r"[^\s()]++(?:\([^()]*+\))?+")
-"""Matches a word of a value, or a function whose arguments contain no function."""
+_MAX_NESTING = 32
+"""Maximum depth of nested brackets in `background`, since tinycss2 recurses for each bracket.
+
+A value with deeper brackets has no colour.
+"""
 
 _VECTOR_EFFECTS = (
     "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
@@ -66,12 +72,15 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 def background_color(text: str) -> Any:
     """The colour in a value of the shorthand `background`, as an `Rgba` or `CURRENT`.
 
-    It is the first word that is a colour, and transparent black if there is none. No text raises
-    an error. A colour function, such as `rgb(0, 0, 0)`, also counts inside of a gradient.
+    It is the first word or function that is a colour, and transparent black if there is none. A
+    colour inside of another function, such as a gradient, does not count. No text raises an error.
     """
-    for word in _WORD.findall(text):
-        if (color := color_of(word)) is not None:
-            return color
+    if nesting(text) <= _MAX_NESTING:
+        # tinycss2 raises `ValueError` for integers of thousands of digits.
+        with contextlib.suppress(ValueError):
+            for token in tinycss2.parse_component_value_list(text):
+                if (color := color_of(token.serialize())) is not None:
+                    return color
     return INITIAL.background_color
 
 

@@ -169,6 +169,24 @@ def test_the_font_shorthand_sets_the_size():
     assert style(font_size="12", style="font: inherit")[0].font_size == 16
 
 
+@pytest.mark.parametrize(
+    ("background", "rgba"),
+    [
+        ("red", (1, 0, 0, 1)),
+        ("url(a.png) no-repeat RGB(0 255 0 / 50%) 0 0", (0, 1, 0, 0.5)),
+        ("linear-gradient(rgb(255,0,0), blue)", (0, 0, 0, 0)),
+        ("linear-gradient( red , hsl(120, 100%, 50%))", (0, 0, 0, 0)),
+        ("radial-gradient(circle at 9px, rgb(255,0,0), blue) 0 0, lime", (0, 1, 0, 1)),
+        ("linear-gradient(rgb(255,0,0), blue),#00f", (0, 0, 1, 1)),
+        ("image-set(linear-gradient(rgb(255,0,0), red) 1x) lime", (0, 1, 0, 1)),
+        ("1" * 5000, (0, 0, 0, 0)),
+        ("none", (0, 0, 0, 0)),
+    ],
+)
+def test_the_background_colour_stands_outside_of_gradients(background, rgba):
+    assert style(style=f"background: {background}")[0].background_color == rgba
+
+
 def test_nothing_is_painted_without_paint():
     assert fill_of(style(fill="none")[0]) is None
     assert fill_of(style(fill="transparent")[0]) is None
@@ -207,7 +225,8 @@ def test_properties_without_effect_are_noted():
 @pytest.mark.parametrize(
     ("name", "value"),
     [("opacity", "x"), ("fill-opacity", "nan"), ("stroke-width", "2qm"), ("stroke-width", "1e999"),
-     ("stroke-miterlimit", "inf"), ("stroke-opacity", "1px"), ("stroke-dasharray", "1 -2"),
+     ("stroke-miterlimit", "inf"), ("stroke-miterlimit", "1_000"), ("stroke-miterlimit", "٣"),
+     ("stroke-opacity", "1px"), ("stroke-dasharray", "1 -2"),
      ("paint-order", "fill fill"), ("font-size", "-3")],
 )  # fmt: skip
 def test_invalid_values_are_named_and_have_no_effect(name, value):
