@@ -19,7 +19,7 @@ from ..values.css_color import nesting
 from ..xml.notices import INVALID, WITHOUT_EFFECT, Notices
 from ..xml.tree import Element
 from . import media_queries
-from .selector_costs import Cost, max_tests, selector_costs
+from .selector_costs import Cost, max_tests, selector_cost, split_selectors
 
 _MAX_NESTING = 32
 """Maximum depth of nested brackets in CSS, since tinycss2 recurses for each bracket.
@@ -160,27 +160,35 @@ class Cascade:
     def _add_rule(self, rule: Any, element: Element) -> None:
         """Add a style rule that tinycss2 has parsed, once for each of its selectors.
 
-        If one selector is invalid or not supported, the rule is noted and left out as a whole. This
-        includes rules with a pseudo-element, such as `::before`. `element` is the `<style>`
-        element, which notices name. Raises `ValueError` for too many selectors.
+        If one selector is invalid or not supported, the rule is noted and left out as a whole. A
+        selector with a pseudo-element, such as `::before`, is noted and matches nothing, but the
+        others of the rule apply. `element` is the `<style>` element, which notices name. Raises
+        `ValueError` for too many selectors.
         """
         important, normal = self._parse_block(rule.content, element, "rule")
-        selector_text = tinycss2.serialize(rule.prelude).strip()
-        costs = selector_costs(rule.prelude)
+        split_prelude = split_selectors(rule.prelude)
+        costs = [selector_cost(tokens) for tokens in split_prelude]
         try:
-            if costs is None:
+            if None in costs:
                 raise cssselect2.SelectorError("is not supported")
             selectors = cssselect2.compile_selector_list(rule.prelude)
         except (cssselect2.SelectorError, NotImplementedError, SyntaxError, ValueError):
             # A rule with one invalid selector is dropped as a whole.
-            self._notices.add(WITHOUT_EFFECT, element.tag, element.line, "selector", selector_text)
+            self._note_selector(rule.prelude, element)
             return
         self._selectors += len(selectors)
         if self._selectors > _MAX_SELECTORS:
             raise ValueError(f"brings the style sheets to more than {_MAX_SELECTORS} selectors.")
-        for selector, cost in zip(selectors, costs, strict=True):
-            if selector.pseudo_element is None:
+        for tokens, selector, cost in zip(split_prelude, selectors, costs, strict=True):
+            if selector.pseudo_element is not None:
+                self._note_selector(tokens, element)
+            elif cost is not None:
                 self._matcher.add_selector(selector, _Rule(important, normal, cost))
+
+    def _note_selector(self, tokens: list[Any], element: Element) -> None:
+        """Note that selectors of a `<style>` element, given their tokens, have no effect."""
+        text = tinycss2.serialize(tokens).strip()
+        self._notices.add(WITHOUT_EFFECT, element.tag, element.line, "selector", text)
 
     def declarations(self, element: Element) -> Declarations:
         """The declarations that apply to an element, from style sheets and its own attributes.

@@ -33,6 +33,9 @@ _PSEUDO_CLASSES = frozenset(
 _COSTLY_PSEUDO_CLASSES = frozenset(["first-of-type", "last-of-type", "only-of-type"])
 """Pseudo-classes whose test examines all siblings of an element."""
 
+_PSEUDO_ELEMENTS_AFTER_ONE_COLON = frozenset(["before", "after", "first-line", "first-letter"])
+"""Pseudo-elements that may be written like pseudo-classes, as in `:before`."""
+
 _FUNCTIONS = {
     "not": False, "is": False, "where": False, "matches": False, "nth-child": False,
     "nth-last-child": False, "nth-of-type": True, "nth-last-of-type": True,
@@ -92,43 +95,39 @@ def _choices(among: int, count: int) -> int:
     return total
 
 
-def selector_costs(prelude: list[Any]) -> list[Cost] | None:
-    """The cost of each selector in a list separated by commas.
+def split_selectors(prelude: list[Any]) -> list[list[Any]]:
+    """Split a list of selectors at its commas; returns the tokens of each selector.
 
-    `prelude` has the tokens of the list, as tinycss2 makes them. Returns None if a selector has a
-    pseudo-class that is not supported, or a function inside of a function.
+    `prelude` has the tokens of the list, as tinycss2 makes them.
     """
-    costs, selector = [], []
-    for token in [*prelude, None]:
-        if token is not None and not (token.type == "literal" and token.value == ","):
-            selector.append(token)
-            continue
-        cost = _selector_cost(selector)
-        if cost is None:
-            return None
-        costs.append(cost)
-        selector = []
-    return costs
+    selectors: list[list[Any]] = [[]]
+    for token in prelude:
+        if token.type == "literal" and token.value == ",":
+            selectors.append([])
+        else:
+            selectors[-1].append(token)
+    return selectors
 
 
-def _selector_cost(tokens: list[Any]) -> Cost | None:
-    """The cost of one selector, given its tokens.
+def selector_cost(tokens: list[Any]) -> Cost | None:
+    """The cost of one selector, given its tokens, as tinycss2 makes them.
 
-    Returns None for a pseudo-class that is not supported, or a function inside of a function.
+    Returns None for a pseudo-class that is not supported, or a function inside of a function. A
+    pseudo-element, of any name, costs nothing.
     """
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
     descendants, later_sibling_combinators = _combinators(tokens)
     last_looks_at_siblings = others_look_at_siblings = False
-    previous = None
+    colons = 0
     for token in tokens:
         if token.type == "whitespace" or (token.type == "literal" and token.value in ">+~"):
             others_look_at_siblings |= last_looks_at_siblings
             last_looks_at_siblings = False
-        elif token.type == "ident" and previous == ":":
+        elif token.type == "ident" and colons == 1:
             if token.lower_value in _COSTLY_PSEUDO_CLASSES:
                 last_looks_at_siblings = True
-            elif token.lower_value not in _PSEUDO_CLASSES:
+            elif token.lower_value not in _PSEUDO_CLASSES | _PSEUDO_ELEMENTS_AFTER_ONE_COLON:
                 return None
         elif token.type == "function":
             if token.lower_name not in _FUNCTIONS:
@@ -141,7 +140,7 @@ def _selector_cost(tokens: list[Any]) -> Cost | None:
                 descendants + more_descendants,
                 later_sibling_combinators + more_later_sibling_combinators,
             )
-        previous = token.value if token.type == "literal" else None
+        colons = colons + 1 if token.type == "literal" and token.value == ":" else 0
     return Cost(
         descendants, later_sibling_combinators, last_looks_at_siblings, others_look_at_siblings
     )

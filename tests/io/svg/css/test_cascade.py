@@ -70,6 +70,30 @@ def test_the_winner_is_lime(sheet, attributes):
         assert color(sheet, rect) == LIME
 
 
+@pytest.mark.parametrize(
+    "selector",
+    ["p::before, rect", "rect, rect::after", "rect:first-line, .a", "g > rect::BEFORE, #r",
+     ":before, rect:first-child, ::selection"],
+)  # fmt: skip
+def test_other_selectors_beside_a_pseudo_element_apply(selector):
+    with pytest.warns(UserWarning, match="without effect: .*selector of <style>"):
+        assert color(f"{selector} {{ fill: red }}") == RED
+
+
+@pytest.mark.parametrize(
+    "selector", ["rect::before", "rect:after, circle", "::first-letter", "rect::mystery, rect",
+                 "rect:mystery, rect", "rect : before, rect", "rect:::before, rect"]
+)  # fmt: skip
+def test_pseudo_elements_match_nothing_and_unknown_ones_drop_the_rule(selector):
+    with pytest.warns(UserWarning, match="without effect: selector of <style>"):
+        assert color(f"{selector} {{ fill: red }}") == BLACK
+
+
+def test_a_notice_names_only_the_selector_with_the_pseudo_element():
+    with pytest.warns(UserWarning, match=r"selector of <style> \(line 1: p::before\)"):
+        color("rect, p::before , g { fill: red }")
+
+
 def test_what_is_not_supported_is_named():
     for sheet, name in (
         ("@import 'a.css';", "@import of <style>"),
