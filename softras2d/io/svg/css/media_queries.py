@@ -15,7 +15,7 @@ from typing import Any
 import tinycss2
 
 from ..values.css_color import nesting
-from ..values.numbers import length
+from ..values.numbers import finite, length
 
 _MAX_NESTING = 8
 """Maximum depth of nested brackets in a list of queries, since tinycss2 recurses for each."""
@@ -31,16 +31,16 @@ _COMPARISONS: dict[str, Callable[[float, float], bool]] = {
 _REVERSED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 _KEYWORDS = {
-    # The value of each feature that is compared with a keyword.
-    "hover": "none",
-    "any-hover": "none",
-    "pointer": "none",
-    "any-pointer": "none",
-    "prefers-color-scheme": "light",
-    "prefers-contrast": "no-preference",
-    "prefers-reduced-motion": "no-preference",
-    "scripting": "none",
-    "update": "none",
+    # The values of each feature that is compared with a keyword; the first is that of the canvas.
+    "hover": ("none", "hover"),
+    "any-hover": ("none", "hover"),
+    "pointer": ("none", "coarse", "fine"),
+    "any-pointer": ("none", "coarse", "fine"),
+    "prefers-color-scheme": ("light", "dark"),
+    "prefers-contrast": ("no-preference", "more", "less", "custom"),
+    "prefers-reduced-motion": ("no-preference", "reduce"),
+    "scripting": ("none", "initial-only", "enabled"),
+    "update": ("none", "slow", "fast"),
 }
 
 
@@ -117,9 +117,9 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
 def _feature(token: Any, height: int, width: int) -> bool | None:
     """The value of one media feature, such as `(width > 300px)`, or of conditions in parentheses.
 
-    Returns None for a feature that is not known, for a size that cannot be parsed, and for any
-    other token. An unknown keyword, as in `(hover: x)`, gives False. `height` and `width` are the
-    size of the canvas in pixels.
+    Returns None for a feature that is not known, for a keyword that is not known, as in `(hover:
+    x)`, for a keyword in a range, for a size that cannot be parsed, and for any other token.
+    `height` and `width` are the size of the canvas in pixels.
     """
     if token.type != "() block":
         return None
@@ -128,6 +128,8 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
         return _condition(content, height, width)
     text = tinycss2.serialize(token.content).strip()
     sizes = {"height": float(height), "width": float(width), "aspect-ratio": width / height}
+    orientations = ("portrait", "landscape") if height >= width else ("landscape", "portrait")
+    keywords = {"orientation": orientations, **_KEYWORDS}
     if text in (*sizes, "color"):
         return True
     if match := _DOUBLE_RANGE.match(text):
@@ -139,12 +141,11 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
         return _compared(sizes, match[3], _REVERSED[match[2]], match[1])
     match = _RANGE.match(text)
     if match is None:
-        return _KEYWORDS[text] not in ("none", "no-preference") if text in _KEYWORDS else None
+        return keywords[text][0] not in ("none", "no-preference") if text in keywords else None
     name, comparison, value = match[1], match[2], match[3].strip()
-    if name == "orientation":
-        return value == ("portrait" if height >= width else "landscape")
-    if name in _KEYWORDS:
-        return value == _KEYWORDS[name]
+    if name in keywords:
+        is_known = comparison == ":" and value in keywords[name]
+        return value == keywords[name][0] if is_known else None
     if name.startswith(("min-", "max-")):
         comparison = ">=" if name.startswith("min-") else "<="
         name = name[4:]
@@ -166,7 +167,7 @@ def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) ->
     try:
         if name == "aspect-ratio":
             numerator, _, denominator = text.partition("/")
-            value = float(numerator) / float(denominator or "1")
+            value = finite(numerator.strip()) / finite(denominator.strip() or "1")
         else:
             # Relative to the initial font size, whatever the root's is.
             value = length(text, None, {"em": 16.0, "rem": 16.0})

@@ -120,7 +120,8 @@ def test_what_is_not_supported_is_named():
         ("(prefers-color-scheme: dark)", False), ("(prefers-color-scheme: light)", True),
         ("(hover)", False), ("(color)", True), ("screen print", False),
         ("(width: 20px) and", False), ("(width: 19px) and (mystery: 3)", False),
-        ("screen, (mystery: 3)", True),
+        ("screen, (mystery: 3)", True), ("(hover: none)", True), ("not (hover: hover)", True),
+        ("(orientation)", True), ("(prefers-reduced-motion: reduce)", False),
     ],
 )  # fmt: skip
 def test_media_queries_about_the_canvas(media, is_match):
@@ -134,6 +135,12 @@ def test_unknown_media_queries_are_named():
         "screen and (mystery: 3)",
         "not (mystery: 3)",
         "(width: 2furlong)",
+        "not (aspect-ratio: 1_0)",
+        "not (hover: x)",
+        "not (prefers-color-scheme: no-preference)",
+        "not (orientation: round)",
+        # Features with keywords cannot be in a range.
+        "(hover >= none)",
     ):
         with pytest.warns(UserWarning, match=r"without effect: @media of <style> \(line 1: .*\("):
             assert color(f"@media {media} {{ rect {{ fill: red }} }}") == BLACK
