@@ -53,6 +53,46 @@ def test_a_nested_viewport_turns_about_its_own_center():
     np.testing.assert_allclose(result, [[1, 0, 0], BLACK, WHITE])
 
 
+CURVES = {
+    # Each has the box from (0.1, 0.2) to (0.7, 0.8), and its bottom inside of a curve.
+    "clockwise": '<path d="M.1 .5V.2H.7L.69544233 .55209445A.3 .3 15 0 1 .1 .5"/>',
+    "counterclockwise": '<path d="M.1 .5A.3 .3 15 0 0 .69544233 .55209445L.7 .2H.1Z"/>',
+    "quadratic": '<path d="M.1 .4V.2H.7Q.4 1.2898979486 .1 .4"/>',
+    "cubic": '<path d="M.1 .2H.7C.7 1 .1 1 .1 .2"/>',
+}
+
+
+@pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
+@pytest.mark.parametrize("units", ["viewBox", "group", "caller"])
+def test_the_box_of_a_curve_is_exact_in_any_units(curve, units):
+    """A unit is 1000 pixels, and a clip path shows the lower half of the box."""
+    clip = (
+        '<clipPath id="c" clipPathUnits="objectBoundingBox"><rect y=".5" width="1" height=".5"/>'
+        "</clipPath>"
+    )
+    body = f'{clip}<g clip-path="url(#c)">{curve}</g>'
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="1000" height="1000"'
+    if units == "viewBox":
+        scene = parse_svg(f'{head} viewBox="0 0 1 1">{body}</svg>')
+    elif units == "group":
+        scene = parse_svg(f'{head}><g transform="scale(1000)">{body}</g></svg>')
+    else:
+        scene = parse_svg(f"{head}>{body}</svg>", transform=np.diag([1000.0, 1000.0, 1.0]))
+    corners = np.asarray(scene.positions)[np.asarray(scene.triangles)]
+    assert corners[..., 1].min() == pytest.approx(500, abs=0.001)
+
+
+def test_the_box_of_a_turned_image_has_four_corners():
+    """The image is a square on its tip, from x = 10 to x = 50; the rect lies inside of its box."""
+    body = (
+        '<g clip-path="url(#c)"><image width="28.2843" height="28.2843" '
+        'transform="translate(30 10) rotate(45)"/><rect x="26" y="20" width="6" height="8"/></g>'
+    )
+    with pytest.warns(UserWarning, match="image without href"):
+        result = body_colors(LEFT_HALF + body, [26.5, 25], [29.5, 25], [31, 25])
+    np.testing.assert_allclose(result, [BLACK, BLACK, WHITE])
+
+
 def test_children_of_clip_paths_have_conditions():
     clip = (
         '<clipPath id="c"><rect width="90" height="70" systemLanguage="de"/>'

@@ -25,7 +25,6 @@ class Page:
     - `notices`: receives notices about what is invalid or not supported.
     - `tolerance`: largest distance between a curve and its polygon, in pixels of the canvas.
     - `budget`: limits the work that the document may cause.
-    - `pixels_per_px`: pixels of the canvas per px of the document.
     - `viewport`: sizes to which lengths of the element that is being read are relative. The code
       that visits the elements sets it.
     - `ids`: for each `id` in the document, the first element that has it.
@@ -40,7 +39,6 @@ class Page:
         self.notices = notices
         self.budget: Budget = context.display.budget
         self.tolerance = tolerance
-        self.pixels_per_px = 1.0
         self.viewport = Viewport(0.0, 0.0, 0.0, 0.0)
         self.ids: dict[str, Element] = {}
         self._styles: dict[int, Style] = {}

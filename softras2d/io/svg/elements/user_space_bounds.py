@@ -4,11 +4,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ....geometry import affine_maps
-from ...shapes.paths import flatten
+from ...shapes.bounds import path_bounds
+from ...shapes.paths import Path
 from ..css.cascade import Declarations
 from ..css.style import Style
+from ..values.path_data import rect_path
 from ..values.units import Viewport
 from ..xml.tree import Element
 from .element_kinds import CONTAINERS, drawn_children_of_switch, meets_conditions
@@ -100,11 +103,9 @@ def bounds_of(
         if visit.element.name in CONTAINERS:
             pending += _visits_of_children(page, visit, nesting)
         elif visit.element.name in SHAPES or visit.element.name == "image":
-            points = _points(page, visit)
-            if len(points):
-                points = affine_maps.apply(visit.map3, points)
-                low = np.minimum(low, points.min(axis=0))
-                high = np.maximum(high, points.max(axis=0))
+            bounds = _bounds_of_shape(page, visit)
+            if bounds is not None:
+                low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
     page.viewport = viewport
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         return None
@@ -146,18 +147,20 @@ def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Vi
             yield _Visit(child, child_map, child_style, viewport, use_of_children, uses)
 
 
-def _points(page: Page, visit: _Visit) -> np.ndarray:
-    """Points `[n, 2]` of the flattened outline of a shape, or two opposite corners of an image.
+def _bounds_of_shape(page: Page, visit: _Visit) -> Float[np.ndarray, "2 2"] | None:
+    """The low and the high corner of the bounding box of a shape or an image.
 
-    They are in the user units of the visited element. A shape that is not drawn has none.
+    The box is aligned with the axes of the outer element, in its user units. Its curves are exact.
+    Returns None for a shape that is not drawn. The segments of the shape are charged to the budget.
     """
     element = visit.element
     lengths = ElementLengths(page, element, page.declared(element), visit.style)
     if element.name == "image":
-        x, y = lengths.read("x"), lengths.read("y")
-        return np.array([[x, y], [x + lengths.size("width"), y + lengths.size("height")]])
-    path = SHAPES[element.name](lengths)
-    if path is None or not path.points:
-        return np.zeros((0, 2))
-    scale = float(np.linalg.norm(visit.map3[:2, :2], 2)) * page.pixels_per_px
-    return flatten(path, np.eye(2) * scale, page.tolerance, page.budget).points
+        width, height = lengths.size("width"), lengths.size("height")
+        path: Path | None = rect_path(lengths.read("x"), lengths.read("y"), width, height, 0.0, 0.0)
+    else:
+        path = SHAPES[element.name](lengths)
+    if path is None:
+        return None
+    page.budget.charge("points", sum(1 + len(subpath.segments) for subpath in path.subpaths))
+    return path_bounds(path, visit.map3)

@@ -28,14 +28,11 @@ class RootViewport(NamedTuple):
     - `box`: the viewBox of the root. If it has no valid one, a box at (0, 0) of the document's
       size, or of the canvas's if the document gives no size.
     - `viewport`: sizes to which lengths of the root's children are relative.
-    - `pixels_per_px`: pixels of the canvas per px of the document, the smaller number of both axes.
-      A map that the caller gave does not change it.
     """
 
     map3: np.ndarray
     box: Box
     viewport: Viewport
-    pixels_per_px: float
 
 
 def root_viewport(page: Page) -> RootViewport:
@@ -70,7 +67,7 @@ def root_viewport(page: Page) -> RootViewport:
         fitted = _fitted(page, root, box, *canvas)
         map3 = scale @ transform @ np.linalg.inv(scale) @ fitted
     viewport = Viewport(box.width, box.height, width, height)
-    return RootViewport(map3, box, viewport, min(canvas[0] / height, canvas[1] / width))
+    return RootViewport(map3, box, viewport)
 
 
 def _root_transform(page: Page, declared: Declarations, height: float, width: float) -> np.ndarray:

@@ -124,7 +124,7 @@ class Drawing:
         page = self._page
         root = root_viewport(page)
         self._root_box = root.box
-        page.pixels_per_px, page.viewport = root.pixels_per_px, root.viewport
+        page.viewport = root.viewport
         style = page.style_in_document(page.root)
         viewport = root.viewport._replace(root_font_size=style.font_size)
         paint_root_background(page, style, self.canvas)
