@@ -53,6 +53,21 @@ def test_a_nested_viewport_turns_about_its_own_center():
     np.testing.assert_allclose(result, [[1, 0, 0], BLACK, WHITE])
 
 
+@pytest.mark.parametrize(
+    "attributes",
+    ['transform-box="fill-box" transform="rotate(90)"',
+     'transform-box="fill-box" transform="rotate(90)" transform-origin="0 0"',
+     'transform-box="fill-box" transform="rotate(90)" transform-origin="top left"',
+     'style="transform-box: fill-box; transform: rotate(90deg)"',
+     'style="transform-box: fill-box; rotate: 90deg"'],
+)  # fmt: skip
+def test_the_initial_origin_is_the_corner_of_the_box(attributes):
+    """The rectangle turns about its corner at (50, 20), to the left of it."""
+    body = f'<rect x="50" y="20" width="30" height="10" {attributes}/>'
+    result = body_colors(body, [45, 45], [65, 25], [55, 45])
+    np.testing.assert_allclose(result, [BLACK, WHITE, WHITE])
+
+
 CURVES = {
     # Each has the box from (0.1, 0.2) to (0.7, 0.8), and its bottom inside of a curve.
     "clockwise": '<path d="M.1 .5V.2H.7L.69544233 .55209445A.3 .3 15 0 1 .1 .5"/>',

@@ -75,15 +75,15 @@ def about_origin(
     """The map that applies `map3` about the `transform-origin` of a style, instead of about (0, 0).
 
     The origin is measured from the top left corner of `units.box`, and its lengths and percentages
-    are relative to `units`. The result is `map3` itself for the initial origin, `0 0`, wherever the
-    box lies, and for an invalid origin, which is noted by `report`.
+    are relative to `units`. The initial origin, `0 0`, is thus this corner. The result is `map3`
+    itself for an invalid origin, which is noted by `report`.
     """
-    if style.transform_origin == "0 0":
-        return map3
     try:
         x, y = transform_origin(style.transform_origin, units.box, units.viewport, units.font_size)
     except ValueError as error:
         report(INVALID, "transform-origin", str(error))
+        return map3
+    if x == 0 and y == 0:
         return map3
     return affine_maps.translate(x, y) @ map3 @ affine_maps.translate(-x, -y)
 
