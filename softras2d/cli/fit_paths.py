@@ -44,11 +44,12 @@ def check_input(path: Path | None) -> None:
 def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
     """Raise `ValueError` if one of the output files `paths` cannot be written, or is given twice.
 
-    A file cannot be written if its suffix is not in `SUFFIXES`, if it is a folder, if its folder is
-    missing or may not be written to, or if it is one of `inputs`. `-` is standard output.
+    A file cannot be written if its suffix, in lower case, is not in `SUFFIXES`, if it is a folder,
+    if its folder is missing or may not be written to, or if it is one of `inputs`. `-` is standard
+    output, which can always be written. Paths are compared as they are spelled.
 
-    `inputs`: files that must not be overwritten; each has its role as a text for the message. A
-    path at which there is no file is ignored.
+    `inputs`: files that must not be overwritten; each has its role as a text for the message. An
+    entry at whose path there is no file is ignored.
     """
     for path in paths:
         if path == STANDARD_STREAM:

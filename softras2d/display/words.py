@@ -6,7 +6,8 @@ from typing import Any
 def count_text(count: Any, noun: str, plural: str | None = None) -> str:
     """Text of a count and its noun, such as `1 triangle` or `1,200 triangles`.
 
-    `plural`: the plural of the noun; None: the noun with an s.
+    A count that is no `int`, such as the symbol of a size, is written as `str` gives it, without
+    commas. `plural`: the plural of the noun; None: the noun with an s.
     """
     # In a program that is exported for all sizes, a size is a symbol, which has no number format.
     number = f"{count:,}" if isinstance(count, int) else str(count)

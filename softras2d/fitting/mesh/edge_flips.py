@@ -27,7 +27,8 @@ _MAX_ROUNDS = 1000
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
-    Returns the mesh with other triangles; its vertices stay.
+    Only its triangles change. Flips that rounding may ask for are left out, and after `_MAX_ROUNDS`
+    rounds the mesh is returned as it is.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """

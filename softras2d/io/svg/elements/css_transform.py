@@ -146,7 +146,8 @@ def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `rotate`, whose axis must be z or not given.
 
-    The result and errors are as for `translate_property`.
+    Factors are numbers or percentages, separated by blanks; a third one, for z, is an error. The
+    result and errors are as for `translate_property`.
     """
     words = text.lower().split()
     if len(words) == 2 and "z" in words:
@@ -157,7 +158,8 @@ def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def scale_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `scale`, which has one factor for both axes, or one for each.
 
-    The result and errors are as for `translate_property`.
+    Factors are numbers or percentages, separated by blanks; a third one, for z, is an error. The
+    result and errors are as for `translate_property`.
     """
     return _property("scale", text, units)
 
