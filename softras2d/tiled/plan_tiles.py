@@ -394,11 +394,7 @@ def _at_origin(plan: Plan, origin: Int[np.ndarray, "2"]) -> Plan:
 
 
 def _orientation_of_all(corners: np.ndarray) -> int:
-    """Sign of the sum of the signed areas of all finite triangles: -1 if negative, else 1.
-
-    `corners` is `[triangles, 3, 2]`, as `(x, y)`. An area is positive if (b - a) x (c - a) is, for
-    corners a, b and c.
-    """
+    """Sign of the sum of the signed areas of all finite triangles: -1 if negative, else 1."""
     corners = corners[np.isfinite(corners).all((1, 2))]
     (ax, ay), (bx, by) = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
     return -1 if float(np.sum(ax * by - ay * bx)) < 0 else 1
