@@ -96,7 +96,7 @@ def test_coordinates_just_below_an_integer_read_the_last_texel(size):
     np.testing.assert_array_equal(read("nearest", uv), np.tile(column[-1], (4, 1)))
     between = (column[0] + column[-1]) / 2
     np.testing.assert_allclose(read("bilinear", uv), np.tile(between, (4, 1)), atol=1e-6)
-    slope = jax.jvp(lambda v: read("bilinear", v), (uv,), (np.float32([[0, 1]] * 4),))[1]
+    slope = jax.jvp(lambda v: read("bilinear", v), (uv,), (np.array([[0, 1]] * 4, np.float32),))[1]
     wanted = np.tile(size * (column[0] - column[-1]), (4, 1))
     np.testing.assert_allclose(slope, wanted, atol=1e-5)
 
