@@ -22,14 +22,13 @@ Pidhorskyi et al., *Rasterized Edge Gradients* (ECCV 2024), for edges between sa
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
-from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.linear_map import linear_map
@@ -43,32 +42,12 @@ from .layer_masks import LayerMasks, layer_masks
 from .layer_pairs import LayerPairs
 from .layered_samples import LayeredSamples
 from .opaque_pairs import OpaquePairs
-from .runs import Runs, Sides, list_runs
+from .runs import CrossedEdges, Runs, list_runs
 from .sample_colors import OpaqueSamples
 from .sample_pairs import PairSearch
 
 Total = TypeVar("Total")
 """A sum over crossings: the change of the image, or the cotangent of the speeds of edges."""
-
-
-class CrossedEdges(NamedTuple):
-    """The edges of a scene, and the lines of samples that each edge crosses.
-
-    Lines are rows of samples for steep edges and columns for others (`runs.Sides.steep`).
-
-    - `sides`: positions of the ends of each edge, in pixels, and whether the edge is steep.
-    - `edges`: the edge functions, which decide exactly which samples are inside.
-    - `vertex`: vertex index of each corner. Corners 1 and 2 are exchanged in triangles whose area
-      is negative.
-    - `first`, `count`: for edges 0, 1 and 2 of each triangle, the first line on the canvas that the
-      edge crosses, and the number of lines (`runs.lines_crossed`).
-    """
-
-    sides: Sides
-    edges: Edges
-    vertex: Int[Array, "triangles 3"]
-    first: Int[Array, "3 triangles"]
-    count: Int[Array, "3 triangles"]
 
 
 def boundary_term(
@@ -262,11 +241,9 @@ def _for_all_crossings(
     else:
         jumps_at = functools.partial(layered_jumps, shape, samples, _layer_masks(shape, samples))
 
-    sides, edges, _, first, count = crossed_edges
-
     def visit(number: Int[Array, ""], total: Total) -> Total:
         block_runs = _block_of(runs, number, block)
-        crossings = find_crossings(sides, edges, first, count, block_runs, shape.tiling)
+        crossings = find_crossings(crossed_edges, block_runs, shape.tiling)
         jumps = Jumps(crossings.edge, crossings.t, crossings.pixel, jumps_at(crossings))
         return add(total, jumps)
 
@@ -297,11 +274,9 @@ def _without_hidden(
     nearest, farthest = distance_range(samples.depths, crossed_edges.vertex.shape[0])
     farthest_in_row = farthest_visible_distance(samples.front, farthest, tiling)
 
-    sides, edges, _, first, count = crossed_edges
-
     def visit(number: Int[Array, ""], kept: Bool[Array, " runs"]) -> Bool[Array, " runs"]:
         block_runs = _block_of(runs, number, block)
-        inside, valid = find_samples_inside(sides, edges, first, count, block_runs, tiling)
+        inside, valid = find_samples_inside(crossed_edges, block_runs, tiling)
         nearest_of_run = nearest[block_runs.edge // 3]
         in_block = may_be_visible(nearest_of_run, inside, valid, farthest_in_row, tiling)
         return jax.lax.dynamic_update_slice_in_dim(kept, in_block, number * block, 0)

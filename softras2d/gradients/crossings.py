@@ -13,10 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..geometry.canvas_grid import Grid
-from ..geometry.fixed_point import Edges
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
-from .runs import LINES, Run, Runs, Sides, gather_runs
+from .runs import LINES, CrossedEdges, Run, Runs, gather_runs
 
 
 class Sample(NamedTuple):
@@ -72,21 +71,14 @@ class _Lines(NamedTuple):
     t: Float[Array, "lines runs"]
 
 
-def find_crossings(
-    sides: Sides,
-    edges: Edges,
-    first: Int[Array, "3 triangles"],
-    count: Int[Array, "3 triangles"],
-    runs: Runs,
-    tiling: Tiling,
-) -> Crossings:
+def find_crossings(crossed_edges: CrossedEdges, runs: Runs, tiling: Tiling) -> Crossings:
     """Find the crossings of the runs listed in `runs`, which may be part of the list of all runs.
 
-    `sides` and `edges` describe all edges. `first` and `count` are as returned by `lines_crossed`.
-    The result has the samples beside each crossing, its position and its pixel.
+    `crossed_edges` describes all edges. The result has the samples beside each crossing, its
+    position and its pixel.
     """
     grid = tiling.grid
-    run = gather_runs(sides, edges, first, count, runs, tiling=tiling)
+    run = gather_runs(crossed_edges, runs, tiling=tiling)
     lines = _cross_lines(run, grid)
     inside, outside = (
         _sample_beside(run, lines, jnp.asarray(is_inside), grid) for is_inside in (True, False)
@@ -100,15 +92,10 @@ def find_crossings(
 
 
 def find_samples_inside(
-    sides: Sides,
-    edges: Edges,
-    first: Int[Array, "3 triangles"],
-    count: Int[Array, "3 triangles"],
-    runs: Runs,
-    tiling: Tiling,
+    crossed_edges: CrossedEdges, runs: Runs, tiling: Tiling
 ) -> tuple[Sample, Bool[Array, "lines runs"]]:
     """Compute `inside` and `valid` of `find_crossings` alone, from the same arguments."""
-    run = gather_runs(sides, edges, first, count, runs, tiling=tiling)
+    run = gather_runs(crossed_edges, runs, tiling=tiling)
     lines = _cross_lines(run, tiling.grid)
     return _sample_beside(run, lines, jnp.asarray(True), tiling.grid), lines.valid
 

@@ -56,6 +56,26 @@ class Sides(NamedTuple):
         return safe.divide(jnp.where(usable, other, jnp.zeros_like(other)), length)
 
 
+class CrossedEdges(NamedTuple):
+    """The edges of a scene, and the lines of samples that each edge crosses.
+
+    Lines are rows of samples for steep edges and columns for others (`Sides.steep`).
+
+    - `sides`: positions of the ends of each edge, in pixels, and whether the edge is steep.
+    - `edges`: the edge functions, which decide exactly which samples are inside.
+    - `vertex`: vertex index of each corner. Corners 1 and 2 are exchanged in triangles whose area
+      is negative.
+    - `first`, `count`: for edges 0, 1 and 2 of each triangle, the first line on the canvas that the
+      edge crosses, and the number of lines (`lines_crossed`).
+    """
+
+    sides: Sides
+    edges: Edges
+    vertex: Int[Array, "triangles 3"]
+    first: Int[Array, "3 triangles"]
+    count: Int[Array, "3 triangles"]
+
+
 def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     """Find the first line on the canvas that each edge crosses, and the number of lines.
 
@@ -200,19 +220,9 @@ def list_runs(
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
-def gather_runs(
-    sides: Sides,
-    edges: Edges,
-    first: Int[Array, "3 triangles"],
-    count: Int[Array, "3 triangles"],
-    runs: Runs,
-    *,
-    tiling: Tiling,
-) -> Run:
-    """Gather the data of each listed run: the lines of the run, its edge and the edge values.
-
-    `sides` and `edges` describe all edges. `first` and `count` are as returned by `lines_crossed`.
-    """
+def gather_runs(crossed_edges: CrossedEdges, runs: Runs, *, tiling: Tiling) -> Run:
+    """Gather the data of each listed run: the lines of the run, its edge and the edge values."""
+    sides, edges, _, first, count = crossed_edges
     edge, rank = runs
     right, down, value, estimate = (
         jnp.stack(entries, 1).reshape(-1)[edge] for entries in list(zip(*edges, strict=True))[:4]

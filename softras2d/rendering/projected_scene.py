@@ -14,9 +14,8 @@ from ..geometry.guard_band import WeightPlanes
 from ..geometry.projection import project
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_shape import BoundaryShape
-from ..gradients.boundary_term import CrossedEdges
 from ..gradients.interior_term import attach_interior_term, weight_gradients
-from ..gradients.runs import Sides, is_steep, lines_crossed
+from ..gradients.runs import CrossedEdges, Sides, is_steep, lines_crossed
 from ..numerics.fusion_barrier import materialized
 from ..planning.capacities import Capacity
 from ..planning.effects import is_occluder, varies

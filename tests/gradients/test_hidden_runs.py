@@ -68,8 +68,7 @@ def _crossings(scene: sr.Scene, samples: int):
         tiling=plan.tiling,
         capacity=capacity.runs,
     )
-    sides, edges, _, first, count = crossed_edges
-    crossings = find_crossings(sides, edges, first, count, runs, plan.tiling)
+    crossings = find_crossings(crossed_edges, runs, plan.tiling)
     front, covered = find_visible(binned, scene, plan)
     colors = SurfaceColors(jnp.ones(3), projected.surface)
     opaque = OpaqueSamples(front, covered, projected.edges, projected.depths, colors)

@@ -42,10 +42,10 @@ def _crossed_edges(samples: int):
 
 def _crossings(crossed_edges, tiling):
     """All runs, followed by `SPARE` unused entries, and their crossings."""
-    sides, edges, _, first, count = crossed_edges
+    sides, _, _, first, count = crossed_edges
     number = int(count_runs(first.T, count.T, sides.steep, tiling).sum())
     runs = list_runs(first, count, sides.steep, tiling=tiling, capacity=number + SPARE)
-    return runs, find_crossings(sides, edges, first, count, runs, tiling)
+    return runs, find_crossings(crossed_edges, runs, tiling)
 
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
