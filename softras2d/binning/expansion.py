@@ -27,7 +27,8 @@ class Expansion(NamedTuple):
     - `rank`: number of the entry among the entries of its owner, from 0.
     - `is_used`: false for the entries after the first `total`, which only fill the list up to its
       capacity. Their `owner` is a valid index, but there is no such item.
-    - `total`: the sum of the counts. If it exceeds the capacity, entries are missing.
+    - `total`: the sum of the counts, clamped to 2^30 on the device. If it exceeds the capacity,
+      entries are missing.
     """
 
     owner: Int[HostOrDeviceArray, " entries"]

@@ -5,8 +5,8 @@ triangle in a tile, or is empty. All chunks are computed at once, as an array `[
 whose second axis counts the slots of a chunk.
 
 *Steps* are for work that must go through each list in order. Tiles are put into blocks of `BLOCK`
-tiles, where tiles with the longest lists come first. One step visits one entry in the list of each
-tile of one block.
+tiles, where tiles with the longest lists come first. One step visits one position in the lists
+of all tiles of one block.
 """
 
 import functools
@@ -25,14 +25,14 @@ BLOCK = 64
 
 
 class Chunks(NamedTuple):
-    """Tile lists cut into chunks; the chunks of a tile follow each other, nearest triangle first.
+    """Tile lists cut into chunks; the chunks of a tile follow each other, in the order of its list.
 
     - `triangle`, `filled`: index of the triangle in each slot, and whether the slot holds one. The
       index is 0 in empty slots.
     - `entry`: index of the slot's entry in the arrays of `TileLists`; 0 in empty slots.
     - `tile`, `index`: the tile of each chunk, and the chunk's number among the chunks of its tile,
-      from 0. Chunks beyond `needed` are unused: they name the last tile that has a list, and all
-      their slots are empty.
+      from 0. Chunks beyond `needed` are unused: they name the last tile whose list is not
+      empty, or tile 0 if there is none, and all their slots are empty.
     - `first`, `count`: index of the first chunk of each tile, and the number of its chunks, which
       is 0 for an empty list.
     - `needed`: number of chunks that all tiles together need. If it exceeds the capacity, which is
@@ -55,12 +55,12 @@ class Steps(NamedTuple):
     """Steps through the tile lists, for work that must go through each list in order.
 
     Tiles are grouped into blocks of `BLOCK` tiles. The steps go through one block after another,
-    and each step visits one entry in the list of every tile of its block.
+    and each step visits one position in the lists of all tiles of its block.
 
-    - `block`, `position`: index of the block that each step visits, and the position, from 0, of
-      the visited entries in their lists. The caller chooses the end of the lists from which
-      positions count, and skips lists that are not longer than `position`. Steps beyond `needed`
-      name the last block with entries, at positions past the end of its lists.
+    - `block`, `position`: index of the block that each step visits, and the position, from 0, in
+      its lists. The caller chooses the end of the lists from which positions count, and skips lists
+      that are not longer than `position`. Steps beyond `needed` name the last block with entries,
+      or block 0 if there is none, at positions past the end of its lists.
     - `tile`, `start`, `count`: index of each tile of a block, and the first entry and the length of
       its list in `TileLists`. The last block is padded with tile 0 and a length of 0.
     - `slot`: for each tile, its index in the flattened array `tile`. It has nothing to do with the
@@ -81,8 +81,8 @@ class Steps(NamedTuple):
 def cut_chunks(lists: TileLists, *, slots_per_chunk: int, capacity: int) -> Chunks:
     """Cut every tile's list into chunks of `slots_per_chunk` slots.
 
-    The arrays of the result hold `capacity` chunks of all tiles together. If more than `capacity`
-    chunks are needed, triangles are missing (`Chunks.needed`).
+    The result has `capacity` chunks for all tiles together. If more are needed, triangles are
+    missing (`Chunks.needed`).
     """
     count, tile, index, first, total = materialized(
         functools.partial(_count_chunks, slots_per_chunk=slots_per_chunk, capacity=capacity)
@@ -139,11 +139,11 @@ def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks
     - `triangles`, `tiles`: number of triangles, and number of tiles.
     - `slots_per_chunk`: number of slots of a chunk.
 
-    The slots of a tile hold the triangles from the last in draw order, which is nearest, to the
-    first. If the triangles do not fill a tile's chunks, the first slots of its first chunk stay
-    empty, and not the last slots of its last chunk. The triangles that `pad` appends then fill
-    chunks of their own, so that sums over the slots of the other chunks do not change by a
-    rounding.
+    The slots of a tile hold the triangles from the last in draw order to the first. If the
+    triangles do not fill a tile's chunks, the first slots of its first chunk stay empty, and not
+    the last slots of its last chunk. The triangles that `pad` appends then fill these slots and
+    chunks before the first. All others keep their slot in their chunk, so that sums over the slots
+    of a chunk do not change by a rounding.
     """
     per_tile = -(-triangles // slots_per_chunk)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)
@@ -169,8 +169,8 @@ def cut_steps(lists: TileLists, *, capacity: int) -> Steps:
     """Group tiles into blocks of `BLOCK` tiles, and list the steps through all blocks (`Steps`).
 
     Tiles are grouped in descending order of the lengths of their lists, because a block takes as
-    many steps as its longest list has entries. The arrays of the result hold `capacity` steps. If
-    more are needed, triangles are missing (`Steps.needed`).
+    many steps as its longest list has entries. The result has `capacity` steps. If more are needed,
+    triangles are missing (`Steps.needed`).
     """
     tiles = lists.count.shape[0]
     order = jnp.argsort(-lists.count, stable=True).astype(jnp.int32)

@@ -1,8 +1,8 @@
-"""List the pairs of a triangle and a tile that it touches, and leave out hidden pairs.
+"""List the pairs of a triangle and a tile that it may touch, and mark hidden pairs.
 
-In each row of tiles a triangle touches the tiles of one strip (`strips`). Each of these tiles makes
-a pair with the triangle. A pair is hidden if another triangle in front, which is one later in draw
-order, covers the whole tile and is opaque there.
+In each row of tiles a triangle may touch the tiles of one strip (`strips`). Each of these tiles
+makes a pair with the triangle. A pair is hidden if another triangle in front, which is one later in
+draw order, certainly covers the whole tile and is opaque there.
 
 A render runs `find_pairs` on the device, where lists are expanded into a fixed number of entries. A
 plan runs it on the host, where lists have as many entries as there are.
@@ -26,14 +26,15 @@ from .strips import RowEdges, Strips, count_strips, narrow_strips, row_edges
 class Pairs(NamedTuple):
     """Pairs of a triangle and a tile that it may touch, in the order of the triangles.
 
-    A pair is hidden if an opaque triangle in front of its triangle covers the whole tile.
+    A pair is hidden if an opaque triangle in front of its triangle certainly covers the whole tile.
 
     - `triangle`, `tile`: index of the triangle and of the tile. Hidden pairs and unused entries
       have the tile `tiling.count`, one past the last.
-    - `covers_tile`: whether the triangle covers the whole tile; without meaning in unused entries.
+    - `covers_tile`: whether the triangle certainly covers the whole tile; without meaning in unused
+      entries and for triangles without area.
     - `strip_total`, `pair_total`: number of strips (`strips.Strips`) and of pairs that the
       triangles have, including hidden pairs. On the device either number may exceed the capacity
-      of its list.
+      of its list. If strips are missing, `pair_total` leaves out their pairs.
     """
 
     triangle: Int[HostOrDeviceArray, " pairs"]

@@ -30,7 +30,7 @@ class Line(NamedTuple):
     - `value`: the distance of the centre of the canvas's pixel (0, 0) from the line.
     - `right`, `down`: change of the distance from a pixel to the next one to the right or below.
     - `margin`: distance up to which coverage may be partial on each side of the line, plus a bound
-      on rounding errors; `_UNBOUNDED` for an edge that bounds nothing.
+      on rounding errors; `_UNBOUNDED` for an edge that bounds nothing, whose other fields are 0.
     """
 
     value: Float[HostOrDeviceArray, " triangles"]
@@ -69,8 +69,9 @@ class ReachedTriangles(NamedTuple):
     - `lines`: the lines of edges 0, 1 and 2.
     - `bounds`: the pixels that each triangle may change, by its bounding box; empty for a triangle
       that is not finite.
-    - `area`: twice the signed area, in square pixels; 0 for triangles that are not finite.
-    - `orientation`: the sign of the area, -1, 0 or 1; 0 for triangles that are not finite.
+    - `area`: twice the signed area, in square pixels, positive if the corners follow each other
+      clockwise on the screen; 0 for triangles that are not finite.
+    - `orientation`: the sign of `area`, -1, 0 or 1.
     - `finite`: whether all corners are finite.
     """
 
@@ -155,9 +156,9 @@ def _pixel_range(
 ) -> tuple[Int[HostOrDeviceArray, " triangles"], Int[HostOrDeviceArray, " triangles"]]:
     """First and last pixel, along one axis, whose centre may lie in `low - reach..high + reach`.
 
-    `low`, `high` and `reach` are in pixels, and the canvas is `size` pixels long along the axis.
-    The range of pixels may be one pixel too long at either end. Where `finite` is false it is
-    empty, with a last pixel of -1.
+    `low`, `high` and `reach` are in pixels. The range is clipped to the canvas, which is `size`
+    pixels long along the axis, and is empty (first > last) if none of it is left. It may be one
+    pixel too long at either end. Where `finite` is false it is empty, with a last pixel of -1.
     """
     xp = low.__array_namespace__()
     first = xp.clip(xp.floor(low - reach - 0.5), 0.0, float(size)).astype(xp.int32)

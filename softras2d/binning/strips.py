@@ -27,7 +27,8 @@ class Strips(NamedTuple):
 
     - `row`: index of the row of tiles.
     - `first`, `last`: columns of the tiles that the triangle may touch.
-    - `covered_first`, `covered_last`: columns of the tiles that the triangle covers completely.
+    - `covered_first`, `covered_last`: columns of the tiles that the triangle certainly covers
+      completely; without meaning for a triangle without area.
     - `occluded_last`: `covered_last` for an opaque occluder, else -1. So in the columns
       `covered_first..occluded_last` the triangle hides everything behind it.
     """
@@ -161,9 +162,10 @@ def _tile_limits(
     """Compute the limits that one edge sets to the tiles of each strip.
 
     `columns` is the width of a tile, in samples. Returns four tile columns: the first and the last
-    tile that may have a sample inside the edge, and then the first and the last tile that certainly
-    have no sample outside the edge. They are not limited to the canvas: where the edge sets no
-    limit, the first is -`_ANYWHERE`, and the last is `_ANYWHERE`.
+    tile that may have a sample that is not farther outside the edge than its margin, and then the
+    first and the last tile that certainly have only samples inside by at least the margin. The
+    margin is 0 for sampled coverage. Limits beyond the canvas, and limits that the edge does not
+    set, are as in `_limits_of`.
     """
     value, right, drop, margin = edge
     xp = value.__array_namespace__()
@@ -195,7 +197,8 @@ def _limits_of(
 
     - `value`: the function at the first sample of tile column 0.
     - `right`: any number with the sign of the function's change to the right.
-    - `step`: size of the function's change from a tile to the next, positive.
+    - `step`: size of the function's change from a tile to the next; any positive number if the
+      function is constant.
     - `lead`, `lag`: the point at which the function is evaluated, in tiles from the first sample of
       each tile: `lead` if the function grows to the right, `lag` if it falls.
     - `error`: distance, in tiles, by which the limits are moved outwards, or inwards if it is

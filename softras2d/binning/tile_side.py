@@ -23,7 +23,7 @@ WORST_CASE_SIDE = 16
 """Side of a tile, in pixels, with `capacity="worst_case"`: a plan that no positions can outgrow.
 
 There every tile lists every triangle, so that large tiles cost no more pixels than small ones.
-Measured with 8 to 100 triangles at 28 to 128 pixels.
+Chosen by measurements with 8 to 100 triangles at 28 to 128 pixels.
 """
 
 _SLOT_COST = 8.0
@@ -42,9 +42,11 @@ With this threshold all small scenes use the same side, and so share compiled pr
 def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
     """Choose the side of a tile, in pixels, of `SIDES`, that needs the least work for all scenes.
 
-    The first of `SIDES` is chosen unless another saves more than `_LEAST_SAVING` per scene.
+    The first of `SIDES` is chosen unless another saves more than `_LEAST_SAVING` per scene, in the
+    mean of the scenes.
 
     - `scenes`: for each scene the corners of its triangles, `[triangles, 3, 2]` in pixels.
+      Triangles with a corner that is not finite count nothing.
     - `reach`: how far coverage extends beyond the edges, in pixels.
     """
     work = {side: sum(_work(corners, grid, reach, side) for corners in scenes) for side in SIDES}
@@ -65,7 +67,7 @@ def _work(corners: np.ndarray, grid: Grid, reach: float, side: int) -> float:
 def _size(corners: np.ndarray, grid: Grid, reach: float) -> tuple[Any, Any]:
     """Area and perimeter of each triangle extended on all sides by `reach` pixels.
 
-    The area is in square pixels, the perimeter in pixels. They are at most the area and the
+    The area is in square pixels, the perimeter in pixels. They are clamped to the area and the
     perimeter of the canvas. Triangles that are not finite are left out, so the results may be
     shorter than `corners`.
     """

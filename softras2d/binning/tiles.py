@@ -1,7 +1,7 @@
-"""Tile lists: the triangles that may show in each tile, nearest first.
+"""Tile lists: the triangles that may show in each tile, from the last in draw order to the first.
 
-The pairs of a triangle and a tile (`pairs`) are sorted by tile, then from the last triangle in draw
-order, which is nearest, to the first. `lists` cuts the result into dense arrays.
+The pairs of a triangle and a tile (`pairs`) are sorted by tile, then against the draw order. So the
+nearest triangle comes first, unless the scene has depth. `lists` cuts the lists into dense arrays.
 """
 
 import functools
@@ -21,14 +21,14 @@ from .reach import Lines
 
 
 class TileLists(NamedTuple):
-    """The lists of all tiles, one after another; within a list the nearest triangle comes first.
+    """The lists of all tiles, one after another; each begins with the last triangle in draw order.
 
     - `triangle`, `tile`: index of the triangle and of the tile of each entry. Entries beyond the
       sum of `count` have no meaning.
     - `start`, `count`: index of the first entry of each tile's list, and the list's length.
     - `strips`, `pairs`: number of strips and of pairs that were needed to make the lists, including
-      hidden pairs (`pairs.Pairs`). If either number exceeds the capacity of its list, triangles are
-      missing.
+      hidden pairs (`strip_total` and `pair_total` of `pairs.Pairs`). If either number exceeds the
+      capacity of its list, triangles are missing.
     """
 
     triangle: Int[Array, " pairs"]
@@ -48,11 +48,11 @@ def list_tiles(
     strips: int,
     pairs: int,
 ) -> TileLists:
-    """List the triangles that may show in each tile, nearest first.
+    """List the triangles that may show in each tile, from the last in draw order to the first.
 
     - `edges`, `bounds`: as in `pairs.find_pairs`.
-    - `is_occluder`: as in `pairs.find_pairs`. Where such a triangle covers a whole tile, the
-      triangles before it in draw order are not listed for that tile.
+    - `is_occluder`: as in `pairs.find_pairs`. Where such a triangle certainly covers a whole
+      tile, the triangles before it in draw order are not listed for that tile.
     - `strips`, `pairs`: capacities of the lists of strips and of pairs.
     """
     triangles = is_occluder.shape[0]
@@ -76,10 +76,10 @@ def list_tiles(
 def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
     """List every triangle for every tile, whether it touches the tile or not.
 
-    `triangles` is the number of triangles. For a few triangles on a small canvas this costs less
-    than finding out which tiles they touch, and no positions can need longer lists. The lists are
-    constants, also in a batch of scenes. `TileLists.strips` and `TileLists.pairs` are 0, as no
-    lists of strips and pairs are made.
+    `triangles` is the number of triangles. Each list begins with the last triangle in draw order.
+    For a few triangles on a small canvas this costs less than finding out which tiles they touch,
+    and no positions can need longer lists. The lists are constants, also in a batch of scenes.
+    `TileLists.strips` and `TileLists.pairs` are 0, as no lists of strips and pairs are made.
     """
     entry = jnp.arange(tiling.count * triangles, dtype=jnp.int32)
     return TileLists(
@@ -95,7 +95,7 @@ def list_every_triangle(triangles: int, tiling: Tiling) -> TileLists:
 def _count_listed(
     tile: Int[Array, " pairs"], *, tiles: int
 ) -> tuple[Int[Array, " tiles"], Int[Array, " tiles"]]:
-    """Count the pairs of each tile, and find where each tile begins once pairs are sorted by tile.
+    """Count the pairs of each tile, and find its first entry once pairs are sorted by tile.
 
     Returns the fields `start` and `count` of `TileLists`. `tile` is the tile of each pair, in any
     order. `tiles` is the number of tiles. Pairs with the tile `tiles`, one past the last, are

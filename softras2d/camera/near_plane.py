@@ -48,8 +48,8 @@ def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
     `vertices` are `[vertices, 4]` in clip space, where the near plane is z = 0, and `triangles`
     `[triangles, 3]` vertex indices. A triangle may reach behind the viewer, because edges stay
     straight across w = 0 in homogeneous coordinates. Each triangle becomes none, one or two
-    triangles, in the same order. Vertices without triangles are dropped. Triangles that share an
-    edge share its new vertex too.
+    triangles, in the same order. A corner whose z is NaN is kept. Vertices without triangles are
+    dropped. Triangles that share an edge share its new vertex too.
 
     **Source:** Sutherland and Hodgman, *Reentrant polygon clipping* (1974); Blinn and Newell,
     *Clipping using homogeneous coordinates* (1978).

@@ -19,8 +19,10 @@ def look_at(eye: Any, target: Any, up: Any = (0.0, 1.0, 0.0)) -> np.ndarray:
 
     The matrix maps world space to view space, where the viewer is at the origin and looks along -z.
     `up` is a direction in world space that points upwards in the image; it need not be a unit
-    vector, nor at a right angle to the line of sight. Raises `ValueError` if `target` equals `eye`
-    or if `up` is parallel to the line between them.
+    vector, nor at a right angle to the line of sight.
+
+    Raises `ValueError` if an argument is not three finite numbers, if `target` equals `eye`, or if
+    `up` is zero or (almost) parallel to the line between them.
     """
     eye, target, up = (
         _numbers(name, value, (3,))
@@ -55,7 +57,7 @@ def perspective(
     - `aspect`: width / height of the image, positive and finite.
     - `near`, `far`: distances of the planes from the viewer, 0 < near < far; `far` may be infinite.
 
-    Raises `ValueError` for numbers outside these ranges.
+    Raises `ValueError` for numbers outside these ranges, and for values of other types.
     """
     given = (fov_y_degrees, aspect, near, far)
     are_numbers = all(isinstance(value, float | int | np.number) for value in given)
@@ -107,16 +109,17 @@ def project(
     - `vertex_colors` or `triangle_colors`, and the rest: as for `Scene.from_mesh`.
 
     Triangles that cross the near plane are clipped: each becomes one or two triangles, next to each
-    other in draw order, with colours and uv interpolated along the cut edges. Triangles between the
-    viewer and the near plane are dropped, and so are vertices without triangles. Nothing is clipped
-    at the far plane or at the borders of the image.
+    other in draw order, with colours and uv interpolated along the cut edges. Triangles on the
+    viewer's side of the near plane, also those behind the viewer, are dropped, and so are vertices
+    without triangles. Nothing is clipped at the far plane or at the borders of the image.
 
     `project` runs on the host, in numpy and float64, and rounds once to float32. It needs concrete
-    values and has no derivatives with respect to them; `textures` and `background` are only
-    converted to float32.
+    values and has no derivatives with respect to them. Only `textures` and `background` may be
+    traced: they are no more than converted to float32.
 
-    Raises `ValueError` for shapes, indices and values that a scene cannot have, for a singular
-    `view` or `projection`, and if `projection` maps a point beyond its near plane to w <= 0.
+    Raises `ValueError` for shapes, indices and values that a scene cannot have, for other traced
+    arguments, for a size that is no positive integer, for a singular `view` or `projection`, and if
+    `projection` maps a point of a triangle with z >= 0 to w <= 0 or beyond the range of float32.
     """
     given = (vertices, triangles, model, vertex_colors, triangle_colors, uv, texture_index)
     _check_arguments((given, view, projection), height, width)
@@ -175,8 +178,9 @@ def _check_arguments(arrays: Any, height: Any, width: Any) -> None:
 def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray:
     """Divide clipped vertices by w, and map them to an image of `height` x `width` pixels.
 
-    Returns `[vertices, 4]` float32: x and y in pixels, depth, and 1 / w. Raises `ValueError` if a
-    vertex is not finite or has w <= 0, and names the first input triangle with such a vertex.
+    Returns `[vertices, 4]` float32: x and y in pixels, depth, and 1 / w. Raises `ValueError` if one
+    of these is not finite or 1 / w is not positive, and names the first input triangle with such a
+    vertex.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         x, y, z, w = clipped.vertices.T
@@ -192,10 +196,10 @@ def _to_screen(clipped: ClippedTriangles, height: int, width: int) -> np.ndarray
 
 
 def _transformed(matrix: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Multiply vertices `[vertices, 3]` by a matrix `[4, 4]`; returns `[vertices, 4]`.
+    """Multiply a matrix `[4, 4]` by vertices (x, y, z, 1), given as `[vertices, 3]`.
 
-    The product is written out because equal vertices must give bitwise equal results, which a BLAS
-    product does not promise.
+    Returns `[vertices, 4]`. The product is written out because equal vertices must give bitwise
+    equal results, which a BLAS product does not promise.
     """
     x, y, z = vertices.T[:, :, None]
     # `_to_screen` reports what overflows.
