@@ -68,7 +68,8 @@ def main() -> None:
     """Run the command line, and exit with a code.
 
     The code is 0 after success, 1 after an error, 2 for wrong usage, and 130 after Ctrl-C.
-    `compare` exits like `diff`: with 1 if the images differ, and with 2 after any error.
+    `compare` exits like `diff`: with 1 if the images differ, and with 2 after an error that is
+    printed on one line (`session`).
     """
     try:
         app()

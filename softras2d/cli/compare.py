@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..comparison.compare import Comparison
 
 _DRAWING = ".svg"
-"""Suffix of files that are rendered for the comparison; all others are read as images."""
+"""Suffix, in either case, of files that are rendered to be compared; others are read as images."""
 
 _SAMPLES = 16
 """Default number of samples per pixel with which an SVG drawing is rendered."""
@@ -110,7 +110,7 @@ def _exact_image(
 ) -> "np.ndarray":
     """Render an SVG drawing at the size of `image`, with `samples` samples per pixel.
 
-    - `image`: floats `[height, width, channels]` in 0..1. If all of them are multiples of 1/255, as
+    - `image`: floats `[height, width, channels]`. If all of them are multiples of 1/255 in 0..1, as
       in an 8-bit file, the result is rounded to such values, too.
     - `dialect`: dialect of SVG in which the drawing is read.
 

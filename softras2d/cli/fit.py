@@ -181,8 +181,9 @@ def _check_picture(pictures: list[Path], options: PictureOptions) -> None:
 
     This is so if the user has named more than one picture, if an option about SVG files is given
     and none is written, and if the browser of `--compare-in` is missing. It is so too if an output
-    cannot be written, or would replace the picture, the image of weights, or the file of `--start`.
-    The file of `--resume` may be replaced. `pictures`: all pictures that the user has named.
+    cannot be written, is given twice, or would replace the picture, the image of weights, or the
+    file of `--start`. The file of `--resume` may be replaced. `pictures`: all pictures that the
+    user has named.
     """
     if len(pictures) > 1:
         raise ValueError(
@@ -210,11 +211,11 @@ def _default_output(target: Path | None) -> Path:
 
 
 def _check_arguments(settings: dict[str, Any], steps: int | None, seconds: float | None) -> None:
-    """Raise `ValueError` for arguments that `fit` would refuse, before JAX is loaded.
+    """Raise `ValueError` for arguments that `fit` would refuse, without loading JAX.
 
     - `settings`: arguments of `fit`, by name, as `_parse_texts` returns them. They do not include
       `start` and `weights`, which are checked elsewhere.
-    - `steps`, `seconds`: the limits of the fit, of which at most one may be given, or None.
+    - `steps`, `seconds`: the limits of the fit, each None if not given; giving both is refused.
     """
     from ..fitting import choices, steering
 
@@ -289,7 +290,7 @@ def _fit_film(
     - `console`: where a line is printed at once after Ctrl-C.
     - `bar`: shows the progress.
 
-    After Ctrl-C the animation has only the frames that are done; when it has been written,
+    After Ctrl-C the animation ends with the frame that was being fitted. When it has been written,
     `KeyboardInterrupt` is raised.
     """
     bar.show("loading JAX")

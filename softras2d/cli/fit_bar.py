@@ -32,9 +32,8 @@ class FitBar:
     def report(self, report: Any) -> None:
         """Show a `ProgressReport` of the fit, and pass it on to all `followers`.
 
-        Its share is appended to `shares`, and moves the bar.
-        The PSNR that is shown is that of the result if the fit ended now. Until it is known, it is
-        the PSNR of the last step, at the size of the fit.
+        Its share is appended to `shares`, and moves the bar. The PSNR that is shown is the report's
+        `saved_psnr`. Until that is known, it is the PSNR of the last step, at the size of the fit.
         """
         self.shares.append(report.share)
         record = report.record

@@ -159,7 +159,7 @@ def _join(
     - `coordinator`: `HOST:PORT` of the first process, or `auto` to take all three options from the
       cluster. Without a coordinator (None) there is one process, and the result is (0, 1).
     - `processes`, `process`: the number of processes, and the index of this one, from 0.
-    - `console`: where it is printed that the command waits.
+    - `console`: where it is printed that the command waits, except with `auto`.
 
     When all processes have started, they leave each other again (`_leave`). Raises `ValueError` if
     one of the options is missing or invalid, and for `auto` if no cluster is found.
@@ -292,7 +292,9 @@ def _warn_of_other_settings(
 
 
 def _print_summary(output: Path, done: list[Any], skipped: int) -> None:
-    """Print one line about the pictures that this process has fitted.
+    """Print how many pictures this process fitted and how many were done before, on one line.
+
+    The line ends with the mean PSNR of all of them, if there are any.
 
     - `output`: the folder of the results.
     - `done`: the scores (`folder.Fitted`) of each picture that is finished.

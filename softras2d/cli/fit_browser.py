@@ -23,8 +23,8 @@ def browser_line(options: PictureOptions, result: FitResult) -> str:
     difference includes what the SVG lacks because its colours are gradients, and because of
     `--digits`.
 
-    Raises `OSError`, with a message of one line, if the browser fails or takes too long, and
-    `ValueError` if its picture cannot be decoded.
+    Raises `OSError`, with a message of one line, if the browser is missing, fails or takes too
+    long, and `ValueError` if its picture cannot be decoded.
     """
     assert options.compare_in is not None
     browser = find_browser(options.compare_in)

@@ -40,8 +40,8 @@ def fit_film(
     - `steps`: solver steps of the first frame; None for `_FIRST_STEPS`.
     - `bar`: shows how many frames are done.
 
-    After Ctrl-C, both lists have only the frames that are done. Raises `ValueError` for frames of
-    unequal sizes.
+    After Ctrl-C, both lists end with the frame that was being fitted. Raises `ValueError` for
+    frames of unequal sizes.
     """
     targets = read_frames(frames)
 

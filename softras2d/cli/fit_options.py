@@ -1,4 +1,4 @@
-"""Declares the options of `softras2d fit`, with their help texts."""
+"""Declares most options of `softras2d fit`, with their help texts."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -46,7 +46,7 @@ def check_outputs(paths: Sequence[Path], inputs: dict[Path, str]) -> None:
 
     A file cannot be written if its suffix, in lower case, is not in `SUFFIXES`, if it is a folder,
     if its folder is missing or may not be written to, or if it is one of `inputs`. `-` is standard
-    output, which can always be written. Paths are compared as they are spelled.
+    output, which can always be written. Two outputs are the same if they are spelled alike.
 
     `inputs`: files that must not be overwritten; each has its role as a text for the message. An
     entry at whose path there is no file is ignored.
@@ -120,7 +120,7 @@ def check_start(text: str, family: str) -> None:
 def check_animation(path: Path) -> None:
     """Raise `ValueError` unless `path` has the suffix .svg or .gif, and a folder that exists.
 
-    A path that is a folder itself is refused, too.
+    The suffix may be in upper case. A path that is a folder itself is refused, too.
     """
     if path.suffix.lower() not in (".svg", ".gif"):
         raise ValueError(f"{path}: the suffix of an animation must be .svg or .gif.")

@@ -62,7 +62,7 @@ def fit_single_picture(
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
     - `console`, `bar`: where warnings and progress are shown.
 
-    Raises `KeyboardInterrupt` at the end if Ctrl-C was pressed during the fit.
+    Raises `KeyboardInterrupt` at the end if Ctrl-C or SIGTERM stopped the fit.
     """
     keep_compiled_programs()
     outputs, resume, target = options.outputs, options.resume, options.target
@@ -140,7 +140,8 @@ def _check_more_steps(steps: int, earlier: Any, resume: Path | None, console: Co
 def _read_picture(target: Path | None) -> Any:
     """Read the picture to fit: a file, standard input (`-`), or the bundled picture (None).
 
-    Returns floats `[height, width, 3 or 4]` in 0..1, in sRGB with straight alpha.
+    Returns floats `[height, width, 3 or 4]` in sRGB with straight alpha. They are in 0..1, except
+    that a file of floats may have values outside.
     """
     if target == STANDARD_STREAM:
         return decode_image(sys.stdin.buffer.read(MAX_IMAGE_BYTES), "-")
@@ -162,8 +163,8 @@ def _seconds_of_fit(
 
     - `seconds`: time limit of the command; None means `SECONDS`.
     - `start_seconds`: when the process began, on the clock of `time.perf_counter`.
-    - `options`: time is reserved if these ask for an animation, an SVG, or a comparison in a
-      browser.
+    - `options`: time is reserved if these ask for an animation, for an SVG file with gradients, or
+      for a comparison in a browser.
     - `has_corner_colors`: whether an SVG of the fit has gradients, which take time to draw.
     """
     elapsed = time.perf_counter() - start_seconds

@@ -24,8 +24,8 @@ def summary(
 ) -> str:
     """Make the line about a fit: its files, the number of triangles, the scores and the time.
 
-    - `outputs`: the files that were written. If there is an SVG or a compact file among them, the
-      text of `browser_note` or `size_note` is appended.
+    - `outputs`: the files that were written. If there is an SVG file among them, the text of
+      `browser_note` is appended; if there is a compact file, that of `size_note` about the first.
     - `elapsed`: seconds since the command began.
     - `shares`, `seconds`: as in `shortfall`, whose reason is included if triangles are missing.
     """
@@ -45,10 +45,10 @@ def summary(
 def shortfall(
     result: FitResult, shares: Sequence[float], seconds: int | float | None
 ) -> str | None:
-    """Say why a fit has fewer triangles than asked for, and what helps; None if it has all.
+    """Say why a fit has fewer triangles than asked for, and what may help; None if it has all.
 
     - `shares`: share of the fit that was done at each progress report, in 0..1. There is a report
-      after each chunk, which is a number of steps between which no triangles are added.
+      after each chunk, which is a number of steps during which no triangles are added.
     - `seconds`: the time limit of the fit in seconds; None if it was limited by steps.
     """
     count, settings = len(result.scene.triangles), result.settings

@@ -20,14 +20,14 @@ def pixel_weights(
 
     They are float32. The result is None if neither an image nor a rectangle is given.
 
-    - `image`: file of an image of the same size; the weight is the mean of R, G and B, 0..1, as
-      stored (sRGB), and alpha is ignored. None for weights of 1.
+    - `image`: file of an image of the same size; the weight is the mean of R, G and B in sRGB, with
+      1 for white, and alpha is ignored. None for weights of 1.
     - `focus`: rectangles in which weights are multiplied by `FOCUS_WEIGHT`, once where they
       overlap.
     - `height`, `width`: size of the picture to fit, in pixels.
 
-    Raises `ValueError` for an image that has another size or is black everywhere, and for a
-    rectangle outside the picture.
+    Raises `ValueError` for an image that cannot be read, has another size or is black everywhere,
+    and for a rectangle that lies outside the picture entirely.
     """
     if image is None and not focus:
         return None

@@ -52,8 +52,9 @@ def scene_groups() -> list[SceneGroup]:
 def render_all(sample_counts: tuple[int, ...]) -> Iterator[tuple[str, int, np.ndarray]]:
     """Render every bundled scene with every number of samples per pixel in `sample_counts`.
 
-    Yields `(name, samples, image)` for each image, in the order in which they are finished. An
-    image has `[height, width, channels]` floats, with 300 x 300 pixels.
+    Yields `(name, samples, image)` for each image, in the order in which the groups of
+    `scene_groups` are finished. An image has `[height, width, channels]` floats, with 300 x 300
+    pixels.
     """
     groups = scene_groups()
     with ThreadPoolExecutor(os.cpu_count()) as pool:

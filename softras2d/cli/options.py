@@ -1,4 +1,4 @@
-"""Options that `softras2d render` and `softras2d info` share: how a scene is read and drawn."""
+"""Options about how a scene is read and drawn, from which the commands take those they need."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,8 @@ _PICTURE = "Drawing the image"
 class Size(NamedTuple):
     """The value of the option `--size` or `--window`, in pixels.
 
-    If `height` is None, `width` is the longer side, and the scene decides the aspect ratio.
+    If `height` is None, `width` is the longer side, and the scene decides the aspect ratio. For
+    `--window` this is refused (`render_steps.window_size`).
     """
 
     width: int
@@ -30,7 +31,7 @@ class Pixel(NamedTuple):
 
 
 class Color(NamedTuple):
-    """An sRGB colour with straight alpha, each channel in 0..1."""
+    """An sRGB colour with straight alpha, where 1 is full intensity."""
 
     red: float
     green: float
@@ -67,9 +68,10 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 
 
 def parse_color(text: str | Color) -> Color:
-    """Parse a CSS colour: a name, `#rrggbb`, `rgb(...)` or `transparent`.
+    """Parse a CSS colour, such as a name, `#rrggbb`, `rgb(...)` or `transparent`.
 
-    A `Color` is returned unchanged. Raises `typer.BadParameter` for other text.
+    Values of `rgb(...)` beyond 0..255 are not clipped. A `Color` is returned unchanged. Raises
+    `typer.BadParameter` for other text.
     """
     if isinstance(text, Color):
         return text

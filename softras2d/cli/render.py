@@ -175,8 +175,7 @@ def _render_each(
     """Render each scene to the file of the same index in `targets`, and continue after errors.
 
     Returns a line about the last image that was written; empty if there is none. Appends one line
-    to `failures` for each scene that failed. If SOFTRAS2D_DEBUG is set, the first error is raised
-    instead.
+    to `failures` for each scene that failed. While `debugging()`, the first error is raised.
 
     - `settings`: how scenes are read and drawn.
     - `truncate`: the value of the option `--truncate`.
@@ -207,7 +206,8 @@ def _targets(scenes: list[Path], output: Path, kind: str) -> list[Path]:
 
     - `output`: the value of `--output`. It is a file if there is one scene, and `output` has a
       suffix and is no existing folder. Otherwise it is a folder, which is created.
-    - `kind`: suffix of the files in a folder, without its dot.
+    - `kind`: suffix of the files in a folder, without its dot. Their names are those of the scenes,
+      and `stdin` for standard input.
 
     Raises `ValueError` if several scenes would be written to one file.
     """
@@ -329,7 +329,8 @@ def _errors_of_output(named: Path | None = None) -> Iterator[None]:
 def _write(target: Path, image: Any, linear: bool, truncate: bool) -> None:
     """Write an image to the file `target`; `-` is a PNG on standard output.
 
-    - `linear`: whether the values of the image are linear light, so that they are encoded as sRGB.
+    - `linear`: whether the values of the image are linear light instead of sRGB, in which all
+      formats but EXR store them.
     - `truncate`: whether values are truncated to 8 bits, instead of rounded.
     """
     from ..io.images import write_image

@@ -111,7 +111,7 @@ def window_size(window: Size | None, height: int, width: int) -> tuple[int, int]
 def make_plan(scene: Scene, height: int, width: int, options: RenderOptions) -> Plan:
     """Plan to render an image of `height` x `width` pixels, as the options say.
 
-    Raises `ValueError` for invalid options, which it names as on the command line.
+    Raises `ValueError` for invalid options, with a message in which `_IN_OPTIONS` are replaced.
     """
     with _errors_name_options():
         return plan(scene, height=height, width=width, **_plan_arguments(options))
@@ -123,7 +123,7 @@ def make_tiled_plan(
     """Plan to render an image of `height` x `width` pixels in tiles, as the options say.
 
     `tile` is the side of a tile in pixels, or None for the default. Raises `ValueError` for invalid
-    options, which it names as on the command line.
+    options, with a message in which `_IN_OPTIONS` are replaced.
     """
     with _errors_name_options():
         return plan_tiles(scene, height=height, width=width, tile=tile, **_plan_arguments(options))
@@ -141,7 +141,7 @@ _IN_OPTIONS = {
 
 @contextmanager
 def _errors_name_options() -> Iterator[None]:
-    """In a `with` block, rewrite the message of a `ValueError`, so that it names options."""
+    """In a `with` block, replace the texts `_IN_OPTIONS` in the message of a `ValueError`."""
     try:
         yield
     except ValueError as error:

@@ -20,12 +20,13 @@ def session(
     """Run the body of a command in a `with` block; yields a console that prints to stderr.
 
     An expected error (see `is_expected`) is printed as one red line, and ends the command with
-    `error_code`. Other errors, and all errors if SOFTRAS2D_DEBUG is set, are raised unchanged, with
-    their traceback. A warning is printed as one yellow line. Ctrl-C ends the command with one line
+    `error_code`. Other errors, and all errors while `debugging()`, are raised unchanged, with their
+    traceback. A warning is printed as one yellow line. Ctrl-C ends the command with one line
     and exit code 130.
 
     - `long_running`: whether the command spends more time running its programs than compiling them.
-      If not, XLA is set to compile faster, by the environment variable XLA_FLAGS.
+      If not, XLA is set to compile faster, by the environment variable XLA_FLAGS, unless this
+      variable has the setting already.
     - `error_code`: exit code after an expected error.
     - `loads_jax`: whether to set up the compilation cache, which loads JAX. False for a command
       that first checks its arguments, and then calls `keep_compiled_programs` itself.
@@ -58,7 +59,7 @@ def session(
 def debugging() -> bool:
     """Whether errors keep their traceback.
 
-    They do if the environment variable SOFTRAS2D_DEBUG is set to anything but 0.
+    They do if the environment variable SOFTRAS2D_DEBUG is set to anything but 0 or empty text.
     """
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
@@ -113,7 +114,8 @@ def print_message(kind: str, message: str, console: Console) -> None:
 def _one_line_warnings(console: Console) -> Iterator[None]:
     """In a `with` block, print each `UserWarning` on one line.
 
-    Warnings about the compilation cache are not printed.
+    So are warnings of other categories, if Python's filters show them. Warnings about the
+    compilation cache are not printed.
     """
 
     def show_warning(message: Warning | str, *_: object, **__: object) -> None:

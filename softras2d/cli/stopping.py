@@ -46,7 +46,7 @@ def announce_signals(console: Console) -> Iterator[None]:
 
 
 def _act_like_ctrl_c(number: int, frame: FrameType | None) -> None:
-    """Handle SIGTERM by calling the current handler of Ctrl-C."""
+    """Handle SIGTERM by calling the current handler of Ctrl-C, if that is a Python function."""
     handler = signal.getsignal(signal.SIGINT)
     if callable(handler):
         handler(number, frame)
@@ -55,7 +55,8 @@ def _act_like_ctrl_c(number: int, frame: FrameType | None) -> None:
 def _answer(receiver: socket.socket, console: Console) -> None:
     """Print a line for each of the first two signals, until the other end of the socket is closed.
 
-    `receiver`: the socket that receives the number of each signal as one byte.
+    A signal counts if it is Ctrl-C or SIGTERM, and arrives while Python's handler of Ctrl-C is
+    replaced. `receiver`: the socket that receives the number of each signal as one byte.
     """
     answers = iter(_ANSWERS)
     while data := receiver.recv(1):

@@ -107,7 +107,7 @@ def open_subjects(paths: Sequence[Path], read_options: "ReadOptions") -> list["S
 def _read_standard_input(read_options: "ReadOptions") -> "Subject":
     """Read an SVG file from standard input, as a subject that the viewer can show.
 
-    Raises `ValueError` for a file that declares no size.
+    Raises `ValueError` for a file that cannot be read or declares no size.
     """
     from ..io.svg.xml.document import MAX_BYTES
     from ..viewing.scene_file import SceneFile

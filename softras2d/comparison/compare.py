@@ -30,7 +30,8 @@ class Comparison:
 
     Differences are absolute, and 1 is the full range of an image.
 
-    - `tolerance`: largest difference of a channel at which two pixels count as equal.
+    - `tolerance`: largest difference of a channel at which two pixels count as equal, apart from
+      rounding (`tolerance.exceeds`).
     - `max_difference`, `mean_difference`, `rmse`: largest, mean and root-mean-square difference
       over all pixels and channels.
     - `psnr`: peak signal-to-noise ratio in dB for a peak of 1; infinite for equal images.
@@ -68,7 +69,10 @@ class Comparison:
         return self.differing_pixels / self.difference.size
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return the name of every measure, and its value as text with its unit, for a table."""
+        """Return the name of every measure, and its value as text with its unit, for a table.
+
+        The worst pixels have a row each, of which only the first has a name.
+        """
         flip = f"not measured; {INSTALL}" if self.flip is None else f"{self.flip:.4g}"
         worst = [
             f"row {pixel.row}, column {pixel.column}: {pixel.difference:.4g}"
@@ -104,7 +108,7 @@ def compare(actual: Any, expected: Any, *, tolerance: int | float = ONE_LEVEL) -
       sRGB, with 1, 3 or 4 channels. `read_image` reads them from files.
     - `tolerance`: largest difference of a channel at which two pixels count as equal, where 1 is
       the full range; by default one level of an 8-bit image, 1/255. It has an effect only on
-      `differing_pixels`, and on what the picture shows.
+      which pixels count as differing, and so on what the picture shows.
 
     Images of one channel are grey, and are converted to RGB. RGB images count as RGBA images with
     alpha 1. If one of the images is transparent somewhere, premultiplied colours and alpha are
@@ -112,7 +116,8 @@ def compare(actual: Any, expected: Any, *, tolerance: int | float = ONE_LEVEL) -
     white.
 
     Raises `ValueError`, with a message of one line, for images of different heights or widths, for
-    arrays that are not float images, for NaN and infinity, and for a negative tolerance.
+    arrays that are not float images, for NaN and infinity, and for a tolerance that is negative or
+    not finite.
     """
     tolerance = checked_tolerance(tolerance)
     image, target = comparable_pixels(actual, expected)

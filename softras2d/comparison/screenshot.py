@@ -23,7 +23,8 @@ Antialiasing alone causes larger differences in few pixels only."""
 class ScreenshotDifference(NamedTuple):
     """Measures of how much a screenshot differs from the expected image, with 8 bits per channel.
 
-    - `mean`, `largest`: absolute difference over all pixels and channels, in levels, 0..255.
+    - `mean`, `largest`: mean and largest absolute difference over all pixels and channels, in
+      levels, 0..255.
     - `far_share`: fraction, 0..1, of the pixels with a channel that differs by more than
       `FAR_LEVELS`.
     - `psnr`: peak signal-to-noise ratio in dB; infinite for equal images.

@@ -21,7 +21,7 @@ def field_of(value: Any, name: str) -> Any:
 
 
 def shape_of(leaf: Any) -> tuple[Any, ...] | None:
-    """The shape of an array, a tracer or a `jax.ShapeDtypeStruct`; None for anything else."""
+    """The `shape` of an array, a tracer or a `jax.ShapeDtypeStruct`; None unless it is a tuple."""
     shape = field_of(leaf, "shape")
     return shape if isinstance(shape, tuple) else None
 
@@ -42,7 +42,10 @@ def dtype_of(leaf: Any) -> str | None:
 
 
 def values_of(leaf: Any) -> np.ndarray | None:
-    """The values of a concrete array, as a NumPy array; None for anything else."""
+    """The values of a concrete array, as a NumPy array; None for anything else.
+
+    None too if they cannot be read, as those of a donated array.
+    """
     if isinstance(leaf, Tracer) or not isinstance(leaf, np.ndarray | jax.Array):
         return None
     try:

@@ -37,7 +37,8 @@ def scene_html(scene: Any) -> str | None:
 def image_html(image: Any, text: str) -> str | None:
     """HTML of an image, `[height, width, 1, 3 or 4]` in 0..1, above a text.
 
-    Images of more than `_MAX_SIDE` pixels a side are shrunk. None if it is not an image.
+    Images of more than `_MAX_SIDE` pixels a side are shrunk. None if it is not an image, or has NaN
+    or infinity.
     """
     return _html(lambda: _shrunk(np.asarray(image, np.float32)), text)
 
@@ -95,7 +96,8 @@ def _png(image: Float[np.ndarray, "height width channels"]) -> bytes:
 def _shrunk(image: Float[np.ndarray, "height width channels"]) -> Float[np.ndarray, "h w channels"]:
     """Shrink an image until no side is longer than `_MAX_SIDE`; smaller images are unchanged.
 
-    Each pixel of the result is the mean over a square block of pixels of the image.
+    Each pixel of the result is the mean, weighted by alpha, over a square block of pixels of the
+    image. Blocks at the right and bottom border may be cut off.
     """
     block = -(-max(image.shape[:2]) // _MAX_SIDE)
     if block <= 1:

@@ -12,8 +12,8 @@ from .words import count_text
 def pyramid_text(textures: Any) -> str:
     """Describe a `TexturePyramid` on one line; never raises, whatever its leaves are.
 
-    The line gives the numbers of textures, levels and channels, the largest size (or `traced`), the
-    dtype, the border and the addressing.
+    The line gives, as far as they are known, the numbers of textures, levels and channels, the
+    largest size (or `traced`), the dtype, the border and the addressing.
     """
     texels, levels = field_of(textures, "texels"), field_of(textures, "levels")
     counts = [

@@ -77,7 +77,7 @@ def _fit(
     shorter side a multiple of `_STEP`; the triangles are in its middle.
 
     Returns the new positions in pixels, and the height and width of the picture. Returns None if
-    there are no triangles, or if their extent is not finite, or zero up to rounding.
+    `used_points` finds none, or if their extent is not finite, or zero up to rounding.
     """
     points = used_points(positions, triangles)
     if points is None or not len(points) or not np.isfinite(points).all():

@@ -20,9 +20,9 @@ def scene_text(scene: Any) -> str:
     """Describe a scene on two lines; never raises, whatever its leaves are.
 
     The first line gives the numbers of triangles, vertices and textures, the dtype, and the extent,
-    which is the range of the vertices that triangles use. The second line gives the effects that
-    the scene needs, by the names of `planning.effects`, and the fields that are not arrays but
-    should be. Under a trace, no value is looked at.
+    which is the range of the finite vertices that triangles use. The second line gives the effects
+    that the scene needs (`_effects`), and the fields that are not arrays but should be. Under a
+    trace, no value is looked at.
     """
     # A scene whose constructor failed has some fields only.
     arrays = {name: field_of(scene, name) for name in (*_REQUIRED, *_OPTIONAL)}
@@ -87,10 +87,10 @@ def _counts(arrays: dict[str, Any]) -> list[str]:
 
 
 def _effects(arrays: dict[str, Any]) -> list[str | None]:
-    """Names of the effects that a scene needs, in the order of `planning.effects.EFFECTS`.
+    """Names of the effects that a scene needs whatever the options, as in `effects.EFFECTS`.
 
     `arrays`: the leaves of the scene, by the names of their fields. An effect that the scene does
-    not need is None.
+    not need is None, except that `flat colour` and `opaque` say that it lacks the first two.
     """
     corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
     is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
@@ -108,8 +108,8 @@ def _effects(arrays: dict[str, Any]) -> list[str | None]:
 def _values_text(arrays: dict[str, Any]) -> str:
     """Text of the extent of the triangles, in pixels, or of the reason why there are no values.
 
-    It also says how many vertices are not finite. `arrays`: the leaves of the scene, by the names
-    of their fields.
+    It also says how many of their vertices are not finite. It is empty if no triangle has a vertex.
+    `arrays`: the leaves of the scene, by the names of their fields.
     """
     if is_traced(arrays):
         return "traced"

@@ -57,7 +57,7 @@ def is_scripted(name: str) -> bool:
 
 
 def is_bundled(path: Path) -> bool:
-    """Whether a path is the name of a bundled scene, and no file of that name exists."""
+    """Whether a path is the name of a bundled scene, and no file or folder of that name exists."""
     return str(path) in names() and not path.exists()
 
 

@@ -39,7 +39,8 @@ def assert_image_matches(
     `failures/NAME-difference.png`; `AssertionError` reports the measures and these paths. If there
     is no reference, or if it has another size, `AssertionError` has a message of one line; an image
     of another size is saved too. Raises `ValueError`, with a message of one line, if `image` is not
-    an image or contains NaN or infinity, or if `path` is not a PNG.
+    an image or contains NaN or infinity, if `path` has another suffix than `.png` or is damaged,
+    and if `tolerance` is negative or not finite.
     """
     __tracebackhide__ = True
     path = Path(path)
