@@ -27,9 +27,9 @@ BLOCK = 64
 class Chunks(NamedTuple):
     """Tile lists cut into chunks; the chunks of a tile follow each other, in the order of its list.
 
-    - `triangle`, `filled`: index of the triangle in each slot, and whether the slot holds one. The
-      index is 0 in empty slots.
-    - `entry`: index of the slot's entry in the arrays of `TileLists`; 0 in empty slots.
+    - `triangle`, `filled`: index of the triangle in each slot, and whether the slot holds one.
+    - `entry`: index of the slot's entry in the arrays of `TileLists`. In empty slots `triangle` and
+      `entry` have no meaning.
     - `tile`, `index`: the tile of each chunk, and the chunk's number among the chunks of its tile,
       from 0. Chunks beyond `needed` are unused: they name the last tile whose list is not
       empty, or tile 0 if there is none, and all their slots are empty.

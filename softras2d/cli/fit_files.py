@@ -31,7 +31,7 @@ from .fit_paths import COMPACT, STANDARD_STREAM
 _MAX_FRAMES = 40
 """Largest number of frames of an animation of a fit, without its last frame.
 
-The frames are evenly spaced over the fit."""
+Successive frames are at least 1/40 of the fit apart."""
 
 _MAX_SIDE = 320
 """Largest number of pixels along the longer side of an animation."""
@@ -117,7 +117,7 @@ def browser_note(result: FitResult) -> str:
 
 
 class AnimationFrames:
-    """Collects scenes during a fit, evenly spaced over its duration, and writes them as a GIF.
+    """Collects scenes at about equal intervals during a fit, and writes them as a GIF.
 
     `size` is the (height, width) of the picture to fit, in pixels.
     """

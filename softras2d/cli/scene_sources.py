@@ -41,7 +41,8 @@ class SceneSource:
     def size(self) -> tuple[int, int]:
         """The (height, width) in pixels that the scene declares.
 
-        Raises `ValueError` if it declares none, with a message that names the option `--size`.
+        Raises `ValueError` for a file that cannot be read, and for one that declares no size; the
+        message then names the option `--size`.
         """
         if scenes.is_bundled(self.path):
             return scenes.SIZE, scenes.SIZE

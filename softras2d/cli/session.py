@@ -114,8 +114,8 @@ def print_message(kind: str, message: str, console: Console) -> None:
 def _one_line_warnings(console: Console) -> Iterator[None]:
     """In a `with` block, print each `UserWarning` on one line.
 
-    So are warnings of other categories, if Python's filters show them. Warnings about the
-    compilation cache are not printed.
+    Warnings of other categories are printed like this too, if Python's filters show them. Those
+    about the compilation cache are not printed.
     """
 
     def show_warning(message: Warning | str, *_: object, **__: object) -> None:
