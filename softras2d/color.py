@@ -1,4 +1,4 @@
-"""Premultiplied alpha and the sRGB transfer function, for NumPy and JAX arrays.
+"""Premultiplied alpha and the sRGB transfer function, for NumPy and JAX arrays of floats.
 
 `rendering.render` premultiplies the background and unpremultiplies the image, and
 `shading.triangle_color` premultiplies the colours of triangles. Rendering never converts between
@@ -15,7 +15,7 @@ def premultiply(pixels: Any, axis: int = -1) -> Any:
     """Multiply red, green and blue by alpha, which is the last of four channels along `axis`.
 
     Alpha itself stays the same. An array with another number of channels along `axis` has no alpha:
-    it is opaque, and is returned unchanged. The inverse is `unpremultiply`.
+    it is opaque, and is returned unchanged.
     """
     if pixels.shape[axis] != 4:
         return pixels
@@ -43,8 +43,9 @@ def unpremultiply(pixels: Any) -> Any:
 def srgb_to_linear(values: Any) -> Any:
     """Convert sRGB values, a NumPy or JAX array of floats, to linear values of the same dtype.
 
-    -1, 0 and 1 stay the same. A negative value -v becomes minus the linear value of v. Above 1 the
-    formula for 0..1 is continued. Alpha must not be among the values.
+    0 stays the same, and so do -1 and 1, up to a rounding. A negative value -v becomes minus the
+    linear value of v. Above 1 the formula for 0..1 is continued. Alpha must not be among the
+    values.
 
     **Source:** IEC 61966-2-1; the extension beyond 0..1 as in CSS Color 4, section 10.2.
     """

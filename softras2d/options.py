@@ -37,8 +37,8 @@ class Hard(eqx.Module):
     - `samples`: samples per pixel: 1, 4, 9, 16, 64 or 256. They form a regular grid. With S samples
       along the side of a pixel, sample i of a row lies (i + 1/2) / S pixels from the pixel's left.
     - `fill_rule`: with `"inclusive"`, a triangle covers every sample of its closed area. With
-      `"top_left"`, a sample on a shared edge belongs to one of the two triangles, and triangles of
-      zero area cover nothing.
+      `"top_left"`, a sample on the edge between two adjacent triangles belongs to one of them, and
+      triangles of zero area cover nothing.
     - `shading`: with `"sample"`, colours are evaluated at each sample (supersampling). With
       `"pixel"`, they are evaluated once per pixel and triangle (multisampling): at the pixel centre
       if the triangle covers it, else at the centroid of all samples of the pixel that the triangle
@@ -75,7 +75,7 @@ class Soft(eqx.Module):
     - `width`: the distance in pixels, above 0, over which coverage rises from 10 % to 90 %; a
       number or a scalar array. For comparison, a box filter of one pixel has a width of 0.8. The
       width is an array leaf of a plan, so a new value does not recompile, but it may not exceed the
-      `max_width` for which the plan was made.
+      width and the `max_width` for which the plan was made, whichever is larger.
     - `profile`: `"logistic"`, a logistic function of the signed distance; `"softras"`, a logistic
       function of its square with the same sign, with derivative 0 on the edge itself; or
       `"window"`, a smoothstep. All three are 1/2 on the edge. They are 0 outside and 1 inside from
@@ -112,8 +112,8 @@ class Area(eqx.Module):
 
     - `compositing`: `"over"` blends triangles in draw order; the background then shows faintly at
       the seams of adjacent triangles. `"sum"` adds premultiplied colours times signed areas, which
-      gives the exact image of triangles that cover the plane without gap or overlap. The sum of all
-      signed areas counts as positive: triangles of the opposite orientation are subtracted.
+      gives the exact image of triangles that cover the plane without gap or overlap. A triangle
+      is subtracted if its sign is not that of the sum of the signed areas of all triangles.
     """
 
     compositing: AreaCompositing = eqx.field(static=True, default="over")

@@ -6,10 +6,10 @@
   alpha; compositing uses premultiplied alpha. Colours are averaged as the scene holds them: a
   render never converts them between sRGB and linear light.
 - **Colours outside 0..1** are drawn without clipping, because interpolation, blending and averaging
-  are linear. Writers of 8-bit images clip them; EXR and SVG keep them. Alpha outside 0..1 is
-  refused.
+  are linear. Writers of 8-bit images clip them; EXR and SVG keep them. `check` refuses alpha
+  outside 0..1.
 - **Draw order**: later triangles lie in front. With `depth`, which grows away from the viewer, the
-  nearest triangle wins, and of equal depths the later one. With depth and translucency together, a
+  nearest triangle wins under `Hard`, and of equal depths the later one. With translucency too, a
   triangle that is drawn later but lies behind is hidden even by a translucent one.
 - **Textures**: the colour and alpha of a textured sample are the filtered texel times the
   interpolated colour and alpha of the triangle.
@@ -104,8 +104,8 @@ class Scene(eqx.Module):
         Give either `vertex_colors` `[vertices, channels]`, or `triangle_colors` `[triangles,
         channels]` (flat) or `[triangles, 3, channels]` (one per corner). The other arguments are
         the fields of `Scene`. The default `background` is opaque white. All floats get the dtype of
-        `positions`, which is float32 or float64; integer positions become float32. Arrays on the
-        host are converted without compiling anything.
+        `positions`, which is float32 or, with `jax_enable_x64`, float64; integer positions become
+        float32. Arrays on the host are converted without compiling anything.
 
         Raises `ValueError` for invalid shapes, dtypes, indices and values; while tracing, `check`
         looks at dtypes only. Warns of colours that look like bytes (0..255).
@@ -156,8 +156,8 @@ class Scene(eqx.Module):
         """Make a scene of triangles that share no vertices.
 
         `corners` is `[triangles, 3, 2]`; `colors` is `[triangles, channels]` (flat) or
-        `[triangles, 3, channels]` (one per corner). `optional` are the other keywords of
-        `from_mesh`, but `depth` and `inverse_w` may also be `[triangles, 3]`.
+        `[triangles, 3, channels]` (one per corner). `optional` are the keywords of `from_mesh` from
+        `background` on, but `depth` and `inverse_w` may also be `[triangles, 3]`.
         """
         corners = _floats("corners", corners, None)
         corners = corners.reshape(0, 3, 2) if corners.size == 0 else corners
@@ -205,11 +205,11 @@ def check_types(scene: Scene) -> None:
 
 
 def check(scene: Scene) -> None:
-    """Raise `ValueError` for invalid values, in one line that names the array and the entry.
+    """Raise `ValueError` for invalid values or dtypes, in one line that names the array.
 
     Invalid values are NaN, infinity, alpha outside 0..1, an index out of range and `inverse_w` of 0
-    or less. Invalid too are floats that are neither float32 nor float64, and indices that are not
-    integers. While tracing, only dtypes are known and checked. Accepts a batch of scenes.
+    or less; the line gives the first of them. Floats must be float32 or float64, and indices
+    integers. If any array is traced, only dtypes are checked. Accepts a batch of scenes.
     """
     check_types(scene)
     if is_traced(scene):
@@ -243,8 +243,8 @@ def check(scene: Scene) -> None:
 def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any) -> None:
     """Raise `ValueError` if an entry of `is_invalid` is true, naming the first such entry.
 
-    `name` is the array's name, `axis` says what its first axis counts, `requirement` completes
-    "must be", and `value` is the array, laid out like `is_invalid`.
+    `name` is the array's name, `axis` says what its first axis counts outside a batch,
+    `requirement` completes "must be", and `value` is the array, laid out like `is_invalid`.
     """
     is_invalid = np.asarray(is_invalid)
     if is_invalid.any():
@@ -274,7 +274,7 @@ def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
 def _expect(name: str, value: Any, expected: tuple[int | str, ...]) -> None:
     """Raise `ValueError` unless the shape of an array is `expected`.
 
-    An axis of `expected` is a number, a choice such as "3 or 4", or a name, which allows any size.
+    An axis is a number, a choice such as "3 or 4 channels", or a name, which allows any size.
     """
     choices = [[int(word) for word in str(axis).split() if word.isdigit()] for axis in expected]
     fits = len(value.shape) == len(expected) and all(
@@ -296,7 +296,7 @@ def _on_device(given: Any, prepared: Any, dtype: Any = None) -> Array:
     """Convert `prepared` to a JAX array of `dtype`, or of its own dtype if `dtype` is None.
 
     `prepared` was made from the caller's value `given`. If `given` is itself a JAX array of the
-    same shape, it is converted instead, so that no copy is needed.
+    same shape, it is converted instead, so that nothing is copied from the host.
     """
     if isinstance(given, jax.Array) and given.shape == prepared.shape:
         return to_device(given, dtype or prepared.dtype)
@@ -327,7 +327,7 @@ def _textures(value: Any, dtype: Any) -> TexturePyramid | None:
 
 
 def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Array | None:
-    """Check an optional array's shape and convert it to `dtype` (None: int32); None stays None."""
+    """Convert an array to `dtype` (None: int32) and check its shape; a value of None stays None."""
     if value is None:
         return None
     array = _integers(name, value) if dtype is None else _floats(name, value, dtype)
@@ -336,7 +336,7 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
 
 
 def _integers(name: str, value: Any) -> Any:
-    """Convert a value to integers of its dtype, on the host or traced, or raise `ValueError`."""
+    """Convert as `_numbers` does; raise `ValueError` if there are entries that are not integers."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")
@@ -344,7 +344,7 @@ def _integers(name: str, value: Any) -> Any:
 
 
 def _colors(name: str, value: Any, dtype: Any) -> Any:
-    """Convert colours as `_floats` does; raise `ValueError` for integers above 1 (bytes)."""
+    """Convert colours as `_floats` does, but refuse integers as `refuse_integer_bytes` does."""
     array = _numbers(name, value)
     refuse_integer_bytes(f"`{name}`", array)
     return _floats(name, array, dtype)
@@ -354,7 +354,7 @@ def _floats(name: str, value: Any, dtype: Any) -> Any:
     """Convert a value to an array of floats of `dtype`, on the host or traced.
 
     With `dtype` None, floats keep their dtype, except that float64 becomes float32 without
-    `jax_enable_x64`, integers become float32, and half precision is refused. Errors say `name`.
+    `jax_enable_x64`, integers and bools become float32, and half precision raises `ValueError`.
     """
     array = _numbers(name, value)
     if dtype is None:
@@ -368,7 +368,7 @@ def _floats(name: str, value: Any, dtype: Any) -> Any:
 
 
 def _numbers(name: str, value: Any) -> Any:
-    """Convert a value to an array of real numbers, on the host or traced, or raise `ValueError`."""
+    """Convert a value to a host or traced array of real numbers or bools, or raise `ValueError`."""
     try:
         array = to_host(value)
     except (TypeError, ValueError) as error:

@@ -39,7 +39,7 @@ Opacities = Float[Array, "chunks slots pixels"]
 The pixels of a tile are listed row by row."""
 
 Colors = Float[Array, "chunks slots 3 #pixels"]
-"""Straight RGB of each slot, at each pixel of its tile or, with one pixel, the same at all."""
+"""Straight RGB of each slot at each pixel; an axis of pixels of length 1 means the same at all."""
 
 Channel = Float[Array, "chunks slots #pixels"]
 """One channel of `Colors`."""
@@ -62,7 +62,7 @@ def composite(
     `opacity` and `colors`.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
-    - `colors`: straight RGB; a single pixel if each slot has one colour.
+    - `colors`: straight RGB; the axis of pixels has length 1 if each slot has one colour.
     - `chunks`: the slots, nearest first in each tile.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """

@@ -2,8 +2,8 @@
 
 A chunk is a few successive slots of a tile's list (`binning.lists.Chunks`). Composited by itself,
 it has a premultiplied colour and an alpha at each pixel of the tile, like a single layer.
-`analytic_over` computes both. The functions here combine them over the chunks of a tile, nearest
-first, for all tiles at once.
+`analytic_over` and `interpolated_over` compute them. The functions here combine them over the
+chunks of a tile, nearest first, for all tiles at once.
 """
 
 import functools

@@ -1,9 +1,9 @@
 """Shade opaque triangles where they are visible, sample by sample or once per fragment.
 
 A fragment is a pair of a triangle and a pixel that shows it (`shading.fragments`). This file is for
-colours that are not affine on the screen, such as textures, whose sum over the samples of a pixel
-does not follow from sums of sample positions (`opaque`). Shading comes after visibility, so hidden
-triangles cost nothing, however many there are.
+colours whose sum over the samples of a pixel does not follow from sums of sample positions
+(`opaque`): those of textures or in perspective, and those evaluated once per pixel. Shading comes
+after visibility, so hidden triangles are not shaded, however many there are.
 """
 
 import functools
@@ -67,7 +67,8 @@ def _shade_samples(
 
     A fragment is a triangle in a pixel. The loop is over the sample positions of a pixel, and over
     the texture lookups of a sample. Each position is shaded for all fragments, and added where the
-    sample is visible. So each fragment costs as many shadings as a pixel has samples.
+    sample is visible. So each fragment costs as many shadings as a pixel has samples, visible or
+    not.
     """
     rate, probes = tiling.grid.rate, surface.probes
 

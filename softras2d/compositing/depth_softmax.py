@@ -37,12 +37,13 @@ def mix(
     """Mix the triangles of each pixel by depth, and return premultiplied RGBA without background.
 
     The straight colour is the mean of the triangles' colours, weighted with opacity times
-    exp(-depth / temperature). Alpha is 1 minus the product of 1 - opacity. Where no triangle has an
-    opacity above 0, all four channels are 0. Differentiable with respect to `opacity`, `colors`,
-    `depth` and `temperature`; the mean's derivative with respect to an opacity of 0 is 0.
+    exp(-depth / temperature); this factor counts as 0 if it is e^-80 of the nearest triangle's, or
+    less. Alpha is 1 minus the product of 1 - opacity. Where no triangle has an opacity above 0, all
+    four channels are 0. Differentiable with respect to `opacity`, `colors`, `depth` and
+    `temperature`; the mean's derivative with respect to an opacity of 0 is 0.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
-    - `colors`: straight RGB; a single pixel if each slot has one colour.
+    - `colors`: straight RGB; the axis of pixels has length 1 if each slot has one colour.
     - `depth`: greater is farther away, in any unit.
     - `temperature`: in the unit of depth, positive. Triangles whose depths differ by much less are
       mixed; of those that differ by much more, only the nearest counts.
@@ -71,7 +72,7 @@ def _sum_weighted(
     """Sum weight times colour for each channel, and the weight, over the slots of each chunk.
 
     Returns four arrays: red, green, blue and weight. The weight of a slot is opacity times
-    exp((`nearest` - depth) / temperature).
+    exp((`nearest` - depth) / temperature), or 0 where this exponential is e^-80 or less.
 
     - `nearest`: the least depth of the triangles of the tile that have an opacity above 0, in each
       pixel. Because depth is taken relative to it, no weight is infinite. The common factor
@@ -165,8 +166,8 @@ def _nearest_of_tile(
 ) -> list[Float[Array, "tiles pixels"]]:
     """Find the depth and the colour channels of the nearest chunk of each tile, at each pixel.
 
-    Returns four arrays: depth, red, green and blue. All are 0 where the depth of every chunk is
-    infinite.
+    Returns four arrays: depth, red, green and blue. If several chunks are nearest, each channel is
+    the least of theirs. All are 0 where the depth of every chunk is infinite.
     """
     number = jnp.arange(chunks.tile.shape[0], dtype=jnp.int32)
     tile = jnp.where(number < chunks.needed, chunks.tile, chunks.count.shape[0])

@@ -4,8 +4,8 @@ The result is that of `analytic_over` for the interpolated colours.
 
 The colours at all pixels of all slots take far more memory than the colours of the corners, and
 writing and reading them takes longer than interpolating them. So they are never stored: the
-composite and its derivatives interpolate them again where they are needed, for one block of slots
-at a time (`interpolated_slots`).
+composite and its derivatives interpolate them again where they are needed (`interpolated_slots`),
+on a CPU for one block of slots at a time.
 
 Corner j of a slot's triangle has the colour c_j, and the weight w_j in a pixel. A slot of opacity
 a, with transmittance T in front of it, adds T a times its colour to the pixel. Let g be the
@@ -53,8 +53,8 @@ geometry of the slots, the chunks, and the premultiplied colour and the alpha of
 composited separately."""
 
 _CHUNKS = 512
-"""Number of chunks in a block. With two slots per chunk and 64 pixels per tile, a float32 array for
-the pixels of a block takes a quarter of 1 MiB."""
+"""Number of chunks in a block on a CPU. With two slots per chunk and 64 pixels per tile, a float32
+array for the pixels of a block takes a quarter of 1 MiB."""
 
 
 def composite(
@@ -315,9 +315,9 @@ def _flatten(slots: Any) -> Any:
 def _gather_tiles(
     cotangent: TileColors, tile: Int[Array, " entries"]
 ) -> list[Float[Array, "entries pixels"]]:
-    """Gather the cotangent of the tile of each entry, one array per channel of RGBA.
+    """Gather the cotangent of the tile of each chunk or slot, one array per channel of RGBA.
 
-    `tile` has the index of the tile of each entry.
+    `tile` has the index of the tile of each of them.
     """
     return [channel[tile] for channel in cotangent]
 

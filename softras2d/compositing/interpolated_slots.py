@@ -1,8 +1,8 @@
 """Interpolate the colours of slots at the pixels of their tiles, and use them at once.
 
 A slot is a triangle in a tile. Its colours at the pixels are interpolated between its three
-corners. `interpolated_over` calls these functions for one block of slots or chunks at a time, so
-that the colours of all slots are never stored.
+corners. `interpolated_over` calls these functions for the slots of a block, which on a GPU may be
+all. Each function uses the colours that it interpolates at once, so that they are never stored.
 """
 
 import functools

@@ -3,12 +3,13 @@
 For each slot, a triangle in a tile, the visible samples of each pixel are counted first. Within a
 coverage word, the samples of a pixel are neighbouring bits. Adding neighbouring fields of a word in
 place (SWAR; Warren, *Hacker's Delight*, 2nd ed., section 5-1) counts the set bits for all pixels of
-the word at once, and also sums their column indices. Then the counts of the rows of samples in each
-pixel, its sub-rows, are added. Fields that would overflow are first spread over two words, one for
-even and one for odd pixels.
+the word at once, and can also sum their column indices. Then the counts of the rows of samples in
+each pixel, its sub-rows, are added. Fields that would overflow are first spread over two words, one
+for even and one for odd pixels.
 
-Colours times these counts are then summed over the slots of each chunk, and over the chunks of each
-tile (`binning.lists.Chunks`).
+Colours are multiplied by these counts or, if they are interpolated, by sums of corner weights that
+follow from the counts and the sums of positions. The products are summed over the slots of each
+chunk, and over the chunks of each tile (`binning.lists.Chunks`).
 """
 
 import functools
@@ -253,7 +254,7 @@ def _sum_corners(
 
 
 _GATHERED = 32
-"""Number of chunks of a tile that are summed by one gather each; one scatter adds all others."""
+"""Greatest number of chunks of a tile that are summed by a gather each; a scatter adds the rest."""
 
 
 def sum_chunks(

@@ -6,8 +6,8 @@ turn, the entries of the lists of all its tiles are visited from front to back, 
 transmittances of the block stay in cache (`sample_blocks`).
 
 This file handles triangles with one colour, and those that interpolate colours of their corners
-linearly on the screen. A layer then needs one or three sums over the samples of each pixel. Colours
-that vary otherwise, as with textures or in perspective, are composited in `over_shaded`.
+linearly on the screen. A layer then needs one or three sums over the samples of each pixel. Other
+colours, as with textures, in perspective or once per pixel, are composited in `over_shaded`.
 
 In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
 the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).

@@ -194,8 +194,9 @@ def _add_segment(
 ) -> tuple[GradientState, Float[Array, "*samples"]]:
     """Compute the gradients of the listed pairs in one segment of the lists, from back to front.
 
-    - `segment`: number of the segment. Nothing changes if it is negative.
-    - `block_list_length`: length of the longest list of the block.
+    - `segment`: number of the segment. If it is negative, gradients and value stay the same.
+    - `block_list_length`: length of the longest list of the block, or the capacity of the segments
+      if that is less.
     - `carry`: the state, and the value behind the segment at each sample: the composite of all
       layers behind it, with W in place of colours (R in the symbols of this file).
 
@@ -259,7 +260,6 @@ def _corner_values(
     The colour is (red, green, blue, 1). The result is W of the corners, in the symbols of this
     file.
     """
-    # c is (red, green, blue, 1): 1 in place of alpha.
     color = line_colors.at[3].set(1.0)[:, :, None]
     channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
     return channels[0] + channels[1] + channels[2] + channels[3]

@@ -115,7 +115,7 @@ def gather_block_words(
 
 
 def alpha_at_samples(layer: Layer) -> Float[Array, "*#samples"]:
-    """Alpha of a layer at each sample of a block.
+    """Alpha of a layer at each sample of a block, covered or not.
 
     Not `materialized`: to read the array back costs more than to compute it again.
     """
@@ -155,7 +155,7 @@ def sum_visible(
     """Sum transmittance times alpha over the samples of each pixel that a layer covers.
 
     `transmittance` is the product of 1 - alpha in front of the layer. With `corner` 1 or 2, each
-    term is also multiplied by the weight of this corner. With 0 it is not.
+    term is also multiplied by the weight of this corner, if the layer has weights.
     """
     if layer.weights is None:
         return sum_covered(layer, transmittance, corner, tiling) * layer.line_colors[3]
@@ -235,7 +235,8 @@ def sum_covered(
 ) -> Float[Array, "width lines"]:
     """Sum values over the samples of each pixel that a layer covers.
 
-    With `corner` 1 or 2, each value is multiplied by the weight of this corner. With 0 it is not.
+    With `corner` 1 or 2, each value is multiplied by the weight of this corner, if the layer has
+    weights.
     """
     if layer.weights is not None and corner > 0:
         values = values * layer.weights[corner - 1]

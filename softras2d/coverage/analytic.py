@@ -12,8 +12,8 @@ interpolated in the pixel. Each is a `PixelFunction`, which states its derivativ
 
 The geometry of a slot holds the numbers that its pixels share, such as the directions of the edges;
 it is computed once. `evaluate` makes a `PixelFunction` differentiable by autodiff. The jvp and the
-vjp compute the partial derivatives again instead of storing them, and only for slots in which some
-of these derivatives are not 0.
+vjp compute the partial derivatives again instead of storing them. If there are many slots, those in
+which the derivatives with respect to the corners are known to be 0 are skipped.
 """
 
 import abc
@@ -55,9 +55,9 @@ Values = Array | tuple[Array, ...]
 class PixelFunction(eqx.Module, Generic[Geometry]):
     """One or more quantities of a pixel that depend on the corners of one triangle.
 
-    The methods take the geometry of the triangle, the parameter, and a pixel, which is given by its
-    centre (x, y) in pixels from the upper left of the slot's tile. All methods except `vjp`
-    broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry `[slots]` with one
+    `value`, `jvp` and `parameter_derivative` take the geometry of the triangle, the parameter, and
+    a pixel, which is given by its centre (x, y) in pixels from the upper left of the slot's tile.
+    They broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry `[slots]` with one
     point.
 
     - `tile_side`: side of a tile, in pixels.
@@ -189,11 +189,12 @@ def _vjp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Compute `PixelFunction.vjp` of all slots, but only evaluate slots where it may not be 0.
+    """Compute `PixelFunction.vjp` of all slots; skip those where it must be 0 if slots are many.
 
-    The other slots get 0. In most slots it is 0, because the triangle is hidden, or covers the
-    whole tile. `value` is the result of `evaluate`, to which `cotangent` belongs. The first axis of
-    the result has x and y of corner 0, then of corners 1 and 2.
+    A slot is not skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0.
+    The vjp is 0 where the triangle is hidden and, for coverage, where it covers the whole tile.
+    `value` is the result of `evaluate`, to which `cotangent` belongs. The first axis of the result
+    has x and y of corner 0, then of corners 1 and 2.
     """
     slots = value.shape[-2]
     flags = _may_add_to_vjp(function, value, cotangent)
@@ -217,10 +218,11 @@ def _jvp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Compute `PixelFunction.jvp` of all slots, but only evaluate slots where it may not be 0.
+    """Compute `PixelFunction.jvp` of all slots; skip those where it must be 0 if slots are many.
 
-    The other slots get 0. `value` is the result of `evaluate`. The first axis of `velocity` has x
-    and y of corner 0, then of corners 1 and 2.
+    A slot is not skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0.
+    `value` is the result of `evaluate`. The first axis of `velocity` has x and y of corner 0, then
+    of corners 1 and 2.
     """
 
     def visit(
@@ -238,7 +240,10 @@ def _jvp_where_nonzero(
 def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
-    """Whether each pixel may add to the vjp: a cotangent is not 0, and a derivative may not be."""
+    """Whether each pixel may add to the vjp.
+
+    It may if one of its values has a cotangent that is not 0, and derivatives that may not be 0.
+    """
     return _any_value((cotangent != 0) & ~function.has_zero_derivatives(value))
 
 

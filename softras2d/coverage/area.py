@@ -33,7 +33,7 @@ It is half the pixel's diagonal, rounded up.
 """
 
 _GREATEST_INVERSE = 2.0**60
-"""Greatest value of one over an edge's run or rise, to which larger ones are clamped."""
+"""Greatest magnitude of one over an edge's run or rise, to which larger ones are clamped."""
 
 
 class ClippedEdge(NamedTuple):
@@ -43,12 +43,14 @@ class ClippedEdge(NamedTuple):
 
     - `x`, `y`: start of the clipped edge, from the tile's upper left.
     - `run`, `rise`: vector (x, y) from the start of the clipped edge to its end; y points down.
-    - `inverse_run`, `inverse_rise`: one over `run` and one over `rise`; 0 where these are 0.
-    - `run_per_rise`: `run` divided by `rise`; 0 where `rise` is 0.
+    - `inverse_run`, `inverse_rise`: one over `run` and one over `rise`, clamped to 2^60 in
+      magnitude; 0 where `run` or `rise` is 0.
+    - `run_per_rise`: `run` times `inverse_rise`.
     - `full_run`, `full_rise`: the vector along the whole edge, for derivatives. For an unsigned
       area it is reduced where the triangle is degenerate (`clip_outline`).
-    - `start`: how far along the whole edge, 0..1, the clipped edge begins.
-    - `share`: length of the clipped edge as a fraction of the whole edge.
+    - `start`: how far along the whole edge the clipped edge begins: 0..1, unless nothing is left
+      of it.
+    - `share`: length of the clipped edge as a fraction of the whole edge; 0 if nothing is left.
     """
 
     x: Float[Array, "*slots"]
@@ -212,8 +214,8 @@ def pixel_row_span(
     `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns
     `(start_y, end_y, start_x, end_x)` in pixels from the upper left of the pixel. `start_y` and
     `end_y` are y of the edge's start and end, both clamped to 0..1, so that they are equal if the
-    edge misses the row. `start_x` and `end_x` are x of the edge at `start_y` and at `end_y`, which
-    may be outside the pixel.
+    edge misses the row. `start_x` and `end_x` are x of the edge's line at `start_y` and at `end_y`,
+    which may be outside the pixel.
     """
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
     qx, qy = px + edge.run, py + edge.rise
@@ -240,8 +242,8 @@ def interval_in_pixel(edge: ClippedEdge, x: PointValues, y: PointValues) -> tupl
     """Find the segment of a clipped edge that lies in each pixel.
 
     `x` and `y` are the centre of the pixel, in pixels from the tile's upper left. Returns the start
-    and the end of the segment as fractions 0..1 along the clipped edge. The edge misses the pixel
-    unless the end is greater than the start.
+    and the end of the segment as fractions along the clipped edge. Both are in 0..1 if the end is
+    greater than the start; otherwise the edge misses the pixel.
     """
     start, end = 0.0, 1.0
     px, py = edge.x - (x - 0.5), edge.y - (y - 0.5)
@@ -340,7 +342,7 @@ def add_edge_gradient(
       its end.
     - `towards_end`: the integral of t times the weight.
 
-    This is the transpose of `normal_speeds`, followed by the integral over the edge.
+    This is the transpose of two steps: `normal_speeds`, and then the integral over the edge.
     """
     for corner, share in ((k, total - towards_end), ((k + 1) % 3, towards_end)):
         gradient[2 * corner] = gradient[2 * corner] + edge.full_rise * share

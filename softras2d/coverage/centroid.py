@@ -61,9 +61,9 @@ class AreaGeometry(NamedTuple):
 class CentroidWeights(PixelFunction[AreaGeometry]):
     """Mean barycentric weights of corners 1 and 2 over the area of a pixel that a triangle covers.
 
-    A pixel of which the triangle covers nothing has the weights at the pixel's centre, clamped to
-    0..1, with zero gradient. Thin triangles are an exception (`value`, `jvp`). The function
-    has no parameter.
+    A pixel of which the triangle covers at most `_LEAST_AREA` has the weights at the pixel's
+    centre, clamped to 0..1, with zero gradient. Thin triangles are an exception (`value`, `jvp`).
+    The function has no parameter.
     """
 
     def value(
@@ -90,9 +90,9 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
         """Compute the change of the weights of corners 1 and 2 as the corners move.
 
         It has two terms. The area that the moving edges sweep moves the centroid, and the weights
-        change at a fixed point. It is 0 in a pixel of which the triangle covers nothing. For thin
-        triangles it is not the derivative of `value`: the blend is left out, and gradients of a
-        weight above 64 per pixel are reduced (`_STEEP`).
+        change at a fixed point. It is 0 in a pixel without a centroid (`_Centroid.exists`). For
+        thin triangles it is not the derivative of `value`: the blend is left out, and gradients of
+        a weight above 64 per pixel are reduced (`_STEEP`).
         """
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)
@@ -185,9 +185,9 @@ def _centroid_position(
 ) -> tuple[Array, Array]:
     """Compute x and y of the centroid in each pixel, 0..1 from the pixel's upper left.
 
-    They are 0.5 in a pixel of which nothing is covered. `x` and `y` are the pixel's centre, in
-    pixels from the tile's upper left. The centroid is written to memory before the weights of the
-    corners are computed, because each of the weights needs both coordinates.
+    They are 0.5 where the centroid does not exist (`_Centroid`). `x` and `y` are the pixel's
+    centre, in pixels from the tile's upper left. The centroid is written to memory before the
+    weights of the corners are computed, because each of the weights needs both coordinates.
     """
     centroid = _centroid(geometry, x, y)
     return centroid.x, centroid.y

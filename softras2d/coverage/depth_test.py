@@ -3,8 +3,8 @@
 Triangles are visited in draw order. A triangle passes at a sample if it lies no deeper than every
 triangle drawn there before; its depth is then the least so far. Only the bits of the samples that
 passed are stored, and no depths. The triangles that passed are composited in draw order like any
-scene, so the last opaque triangle that passed is visible. It is the nearest one, and of equally
-near ones the one drawn later.
+scene. If all are opaque, the last one that passed is visible: the nearest one, and of equally near
+ones the one drawn later.
 
 Depth is interpolated affinely on the screen, as z / w is.
 

@@ -54,15 +54,16 @@ class TriangleLines(NamedTuple):
     """The three edge lines of each slot, and how degenerate its triangle is.
 
     - `first`, `second`, `third`: the lines of edges 0, 1 and 2.
-    - `has_area`: whether the corners enclose an area.
+    - `has_area`: whether the area of the triangle is positive.
     - `thickness`: 1 for triangles whose height over the longest edge is at least a few float
       roundings. For thinner triangles it falls in proportion to the height, down to 0 for triangles
       without area.
-    - `mixing`: row k has three weights. In derivatives, the velocity of corner k is replaced by the
-      sum of the velocities of corners 0, 1 and 2 with these weights. `NearestWeights` hands the
-      barycentric weight of corner k to the three corners in the same proportions. For most
-      triangles row k is 1 for corner k and 0 for the others. It differs where `thickness` is below
-      1, and where corners are closer together than a few roundings (`_corner_mixing`).
+    - `mixing`: row k has three weights. In the derivatives of `SoftCoverage` and `NearestWeights`,
+      the velocity of corner k is replaced by the sum of the velocities of corners 0, 1 and 2 with
+      these weights. `NearestWeights` hands the barycentric weight of corner k to the three corners
+      in the same proportions. For most triangles row k is 1 for corner k and 0 for the others. It
+      differs where `thickness` is below 1, and where corners are closer together than a few
+      roundings (`_corner_mixing`).
     """
 
     first: EdgeLine
@@ -147,9 +148,10 @@ def _corner_mixing(
     A triangle that collapses to a segment has two boundaries there: the longest edge, and the two
     other edges, which meet at the middle corner. Its image has a kink, because the side to which
     the middle corner moves decides which boundary is nearer to a pixel, and in the end a rounding
-    decides it. So below `least_height`, the derivative with respect to the middle corner is handed
-    over to the ends of the segment, in proportion to where the middle corner lies between them.
-    Likewise, two corners that are closer to each other than `least_height` share their derivatives.
+    decides it. So below `least_height`, a share of 1 - `thickness` of the derivative with respect
+    to the middle corner is handed over to the ends of the segment, split by where the middle corner
+    lies between them. Likewise, two corners that are closer to each other than `least_height` share
+    their derivatives.
     Derivatives then have the same limit from both orientations, the derivative of the distance to
     the segment, whichever edge was chosen as the nearest.
     """
@@ -233,7 +235,7 @@ def _dot(a: tuple[Pair, ...], b: tuple[Pair, ...]) -> Array:
 
 
 def _sum_of_products(a: Pair, b: Pair, c: Pair, d: Pair, sign: float) -> Array:
-    """Compute a b + sign c d for double floats, rounded once to a float; `sign` is 1 or -1."""
+    """Compute a b + sign c d for double floats, and round it to a float; `sign` is 1 or -1."""
     first, first_low = product_of(a[0], b[0])
     second, second_low = product_of(sign * c[0], d[0])
     high, low = _difference(first, -second)

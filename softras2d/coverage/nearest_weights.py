@@ -32,10 +32,10 @@ from .tile_sums import spread, sum_moments
 class NearestWeights(PixelFunction[TriangleLines]):
     """Barycentric weights of corners 1 and 2 at the point of the triangle nearest to a pixel.
 
-    It is the point nearest to the pixel's centre. For a triangle without area, it is taken on the
-    edges. In triangles thinner than a pixel, and along edges shorter than a pixel, the derivatives
-    use a gradient of the weight that is clamped to 1 per pixel, because the pixel's centre stands
-    for more area than the triangle has. The function has no parameter.
+    It is the point nearest to the pixel's centre. For a triangle thinner than a few roundings, it
+    is taken on the edges. In triangles thinner than a pixel, and along edges shorter than a pixel,
+    the derivatives use a gradient of the weight that is clamped to 1 per pixel, because the pixel's
+    centre stands for more area than the triangle has. The function has no parameter.
     """
 
     def value(
@@ -69,7 +69,7 @@ class NearestWeights(PixelFunction[TriangleLines]):
         """Compute the change of the weights of corners 1 and 2, at a fixed pixel, as corners move.
 
         (`x`, `y`) is the centre of the pixel, in pixels from the tile's upper left. The change is 0
-        where the nearest point is a corner.
+        where the nearest point is a corner (`is_around_corner`).
         """
         near = nearest_point(geometry, x, y)
         weights = _weights(near, geometry)
@@ -136,7 +136,8 @@ _INSIDE, _AROUND_CORNER = 3, 4
 def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
     """Compute the weights of corners 0, 1 and 2 at the triangle's point nearest to a pixel.
 
-    It is the pixel's centre itself if that lies inside. `TriangleLines.mixing` is not applied.
+    It is the pixel's centre itself if that lies inside (`_is_inside`). `TriangleLines.mixing` is
+    not applied.
     """
     # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     opposite = (1, 2, 0)

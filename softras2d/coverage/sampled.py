@@ -3,9 +3,10 @@
 A *coverage word* is a 32-bit word in which bit i tells whether a triangle covers sample i of a row.
 In each row, the samples inside an edge begin or end at some position. This position is guessed in
 floats and corrected by one integer test. Each edge gives a mask of ones that starts or ends there,
-and the AND of the three masks is the coverage word of the row. Samples that nearer triangles cover
-are removed by OR and AND NOT. Whether a sample exactly on an edge is inside (`fill_rule`) is
-already decided by the edge functions (`fixed_point.edge_functions`).
+and the AND of the three masks, within the triangle's bounding box, is the coverage word of the row.
+Samples that nearer triangles cover are removed by OR and AND NOT. Whether a sample exactly on an
+edge is inside (`fill_rule`) is already decided by the edge functions
+(`fixed_point.edge_functions`).
 
 The rows of samples of a tile are stored sub-row by sub-row: first the uppermost row of samples of
 every row of pixels, then the second of every row of pixels, and so on. The rows of one pixel are
@@ -202,9 +203,9 @@ def _or_earlier(
       another.
     - `max_chunks`: an upper bound on the number of chunks of a tile.
 
-    It takes log steps: each chunk is joined with the chunk before it, then with the chunk two
-    before it, then four. **Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12),
-    1986).
+    It takes log2(`max_chunks`) steps, rounded up: each chunk is joined with the chunk before it,
+    then with the chunk two before it, then four. **Source:** Hillis and Steele, *Data Parallel
+    Algorithms* (CACM 29(12), 1986).
     """
     # A loop: each step written out would be a large computation of its own to compile.
     zeros, count = jnp.zeros_like(covered), covered.shape[0]
@@ -224,7 +225,7 @@ def _visible(
     covered: UInt32[Array, "chunks rows"],
     index: Int[Array, " chunks"],
 ) -> UInt32[Array, "chunks slots rows"]:
-    """Remove from each slot the samples that earlier chunks of its tile, or earlier slots, cover.
+    """Remove from each slot the samples that earlier slots or chunks of its tile cover.
 
     `covered` has, for each chunk, the samples that the chunk or earlier chunks of its tile cover.
     `index` is the number of the chunk within its tile.

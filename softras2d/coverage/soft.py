@@ -59,8 +59,8 @@ class SoftCoverage(AnalyticCoverage[TriangleLines]):
         """Compute the change of coverage of each pixel as the corners move.
 
         It is the speed of the nearest point of the boundary, along the edge's inward normal or from
-        the corner towards the pixel's centre, times the rate of growth that `_growth_rates` gives
-        for a movement in this direction. `velocity` is first mixed by `TriangleLines.mixing`.
+        the corner towards the pixel's centre, times the growth of coverage per pixel of this
+        movement (`_growth_rates`). `velocity` is first mixed by `TriangleLines.mixing`.
         """
         near = nearest_point(geometry, x, y)
         edge_rate, corner_rate = _growth_rates(self.profile, geometry, near, parameter)
@@ -138,7 +138,7 @@ class NearestPoint(NamedTuple):
     - `excess`: how far beyond the ends of that edge x lies along its line: negative before the
       start, positive past the end, 0 beside the edge.
     - `square`: squared distance of x from the boundary.
-    - `is_inside`: whether the triangle contains x.
+    - `is_inside`: whether the closed triangle contains x; false if it has no area.
     - `distances`: signed distances of x from the lines of edges 0, 1 and 2.
     """
 
@@ -253,11 +253,12 @@ def _growth_rates(
     """Compute how fast coverage grows as the nearest point of the boundary moves.
 
     Returns two rates for each pixel. The first is for a pixel whose nearest point is on an edge:
-    the change of coverage per pixel of movement along the edge's inward normal (negative inside).
-    The second is for a pixel whose nearest point is a corner: the change of coverage per pixel of
-    movement from the corner towards the pixel's centre, divided by the distance of the two points.
-    In triangles thinner than a few roundings, the first rate is blended with that of a segment.
-    `width` is the width of the soft edge, in pixels.
+    the change of coverage per pixel of movement along the edge's inward normal. It is negative or
+    0, except for degenerate triangles on the inner side of the edge's line. The second is for a
+    pixel whose nearest point is a corner: the change of coverage per pixel of movement from the
+    corner towards the pixel's centre, divided by the distance of the two points. In triangles
+    thinner than a few roundings, the first rate is blended with that of a segment. `width` is the
+    width of the soft edge, in pixels.
     """
     rate = profile_derivative(profile, _signed_distance(near) / width) / width
     distance = _distance(near)

@@ -1,8 +1,8 @@
-"""Sums over the pixels of tiles, for the vjps of analytic coverage.
+"""Sums over the pixels of tiles, for the derivatives of analytic coverage.
 
 Arrays are `[slots, pixels]`, or `[slots]` for the sums; a slot is a triangle in a square tile. The
-compiler does not vectorise a reduction along the pixels. So sums are loops over the pixels with the
-slots on the minor axis, or matrix products.
+compiler does not vectorise a reduction along the pixels. So most sums are loops over the pixels
+with the slots on the minor axis, or matrix products.
 """
 
 import functools
@@ -166,7 +166,7 @@ def sum_along_edges(
       pixel (`x`, `y`), in pixels from the tile's upper left.
     - `outline`: the data of edges 0, 1 and 2, each a tree of arrays `[slots]`.
     - `in_tile`: for edges 0, 1 and 2, an array `[slots]` that says whether the terms can differ
-      from 0 in the tile. In most slots this is so for one edge only, and the others are skipped.
+      from 0 in the tile. If there are many edges, the others are skipped, and their sums are 0.
 
     Returns, for each edge, the sums `[slots]` of all terms.
     """
