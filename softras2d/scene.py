@@ -184,7 +184,7 @@ _FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
 
 
 def check_types(scene: Scene) -> None:
-    """Raise `ValueError` unless floats are float32 or float64, and indices integers.
+    """Raise `ValueError` unless it is a `Scene` of float32 or float64, with integers for indices.
 
     Dtypes are known while tracing too, so they are also checked there. Half precision can represent
     neither the sample grid nor the sums over a triangle's pixels. Integer colours would be
@@ -336,7 +336,7 @@ def _optional(name: str, value: Any, dtype: Any, shape: tuple[int, ...]) -> Arra
 
 
 def _integers(name: str, value: Any) -> Any:
-    """Convert as `_numbers` does; raise `ValueError` if there are entries that are not integers."""
+    """Convert as `_numbers` does; raise `ValueError` for a dtype of non-integers, unless empty."""
     array = _numbers(name, value)
     if array.size and not jnp.issubdtype(array.dtype, jnp.integer):
         raise ValueError(f"`{name}` must be integers; got {array.dtype}.")

@@ -189,10 +189,10 @@ def _vjp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     cotangent: Float[Array, "*values slots pixels"],
 ) -> Float[Array, "6 slots"]:
-    """Compute `PixelFunction.vjp` of all slots; skip those where it must be 0 if slots are many.
+    """Compute `PixelFunction.vjp` of all slots, skipping those where it is known to be 0.
 
-    A slot is not skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0.
-    The vjp is 0 where the triangle is hidden and, for coverage, where it covers the whole tile.
+    None is skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0, such as
+    those of hidden triangles and, under soft coverage, of triangles that cover the whole tile.
     `value` is the result of `evaluate`, to which `cotangent` belongs. The first axis of the result
     has x and y of corner 0, then of corners 1 and 2.
     """
@@ -218,9 +218,9 @@ def _jvp_where_nonzero(
     value: Float[Array, "*values slots pixels"],
     velocity: Float[Array, "6 slots"],
 ) -> Float[Array, "*values slots pixels"]:
-    """Compute `PixelFunction.jvp` of all slots; skip those where it must be 0 if slots are many.
+    """Compute `PixelFunction.jvp` of all slots, skipping those where it is known to be 0.
 
-    A slot is not skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0.
+    None is skipped if all slots fit into one block (`for_each_block`). Skipped slots get 0.
     `value` is the result of `evaluate`. The first axis of `velocity` has x and y of corner 0, then
     of corners 1 and 2.
     """

@@ -77,10 +77,10 @@ def for_each_block(
     """Apply `total = visit(block, total)` to blocks of the slots that have a flagged pixel.
 
     A block is an array of the indices of slots, whose tiles have `tile_pixels` pixels. Unused
-    entries of the last block are the index one past the last slot: `visit` should gather with the
-    mode "clip" and write with "drop". If one block holds all slots, they are visited whether they
-    are flagged or not. Returns the total after the last block. Not differentiable in reverse mode
-    where there are more slots than in a block.
+    entries of a block are the index one past the last slot: `visit` should gather with the mode
+    "clip" and write with "drop". If one block holds all slots, they are visited whether they are
+    flagged or not. Returns the total after the last block. Not differentiable in reverse mode where
+    there are more slots than in a block.
     """
     slots, length = flags.shape[0], min(_BLOCK, max(_BLOCK_PIXELS // tile_pixels, 1))
     if slots <= length:
