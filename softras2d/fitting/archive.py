@@ -27,7 +27,7 @@ _HEADER_PATTERN = re.compile(
     rb"\{'descr': '([^']{2,20})', 'fortran_order': (True|False), "
     rb"'shape': \(((?:\d{1,10}(?:, \d{1,10}){0,7},?)?)\), \} *\n"
 )
-"""Regular expression for the header of an array of numbers or booleans, exactly as NumPy writes it.
+"""Regular expression for the header of an array without fields, exactly as NumPy writes it.
 
 Its groups are the type, whether the order of the axes is Fortran's, and the lengths of the axes."""
 
@@ -50,10 +50,11 @@ class _Header(NamedTuple):
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read all arrays of an `.npz` file, by name; they contain numbers or booleans.
+    """Read all arrays of an `.npz` file, by name; they contain real numbers or booleans.
 
     Raises `ValueError`, with a message of one line, if the file cannot be read, is damaged or too
-    large, or has an entry that is not such an array. The message names the file and the entry.
+    large, or has an entry that is not such an array. The message names the file and, if a single
+    entry is at fault, the entry.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -117,8 +118,9 @@ def _check_directory(entries: list[zipfile.ZipInfo]) -> None:
 def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     """Read one array; raise `ValueError` if its header and the zip directory disagree.
 
-    `ValueError` is also raised for damaged data, and for booleans other than 0 and 1; `EOFError`
-    for data that is cut short. `zipfile` unpacks no more bytes than the directory says.
+    `ValueError` is also raised for a header that `_read_header` refuses, for damaged data, and for
+    booleans other than 0 and 1; `EOFError` for data that is cut short. `zipfile` unpacks no more
+    bytes than the directory says.
     """
     name = _printable(_array_name(entry))
     try:
@@ -148,7 +150,7 @@ def _read_header(name: str, file: Any) -> _Header:
     """Read the header of an array from `file`, an entry of the zip file, open for reading bytes.
 
     `name`: name of the array, for the message. Raises `ValueError` for anything but an array of
-    numbers or booleans.
+    real numbers or booleans.
     """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")

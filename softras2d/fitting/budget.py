@@ -28,8 +28,9 @@ _CHUNK_PER_MEASUREMENT = 10.0
 computing the PSNR and SSIM after the chunk takes."""
 
 _MIN_CHUNKS = 8
-"""Least number of chunks of a fit that is limited by steps, because triangles are added between
-them."""
+"""Divisor of a limit of steps that gives, rounded up, the largest number of steps of a chunk.
+
+Triangles are added between chunks, so there must be several."""
 
 
 class Limits(NamedTuple):
@@ -99,9 +100,9 @@ class Budget(NamedTuple):
 
         If the limit is a number of steps, this is `steps` divided by it, or 1 if the limit is 0. It
         exceeds 1 where the resumed fit took more steps. If the limit is a deadline, it is the time
-        used, divided by the sum of it and the time left for steps. The time used is that of the
-        resumed fit plus that since `compiled_at`. The seconds reserved for the end of the fit do
-        not count as left.
+        used, divided by the sum of it and the time left for steps, or 0 if both are 0, so that a
+        new fit takes at least one chunk. The time used is that of the resumed fit plus that since
+        `compiled_at`. The seconds reserved for the end of the fit do not count as left.
 
         `compiled_at`: when the first chunk of this call ended, on the clock of `time.perf_counter`;
         None before that.
@@ -131,10 +132,10 @@ class Budget(NamedTuple):
     ) -> int:
         """Number of steps of the next chunk, after a total of `steps` steps; at most `max_steps`.
 
-        If the limit is a number of steps, a chunk has at most an eighth of it (`_MIN_CHUNKS`), and
-        no more than the steps that are left. If it is a deadline, a chunk has at least one step,
-        and takes half a second or, if that is longer, ten times `measure_seconds`; but no longer
-        than the time that is left.
+        If the limit is a number of steps, a chunk has at most an eighth of it (`_MIN_CHUNKS`),
+        rounded up, and no more than the steps that are left. If it is a deadline, a chunk has at
+        least one step. More steps should take half a second or, if that is longer, ten times
+        `measure_seconds`; but no longer than the time that is left.
 
         - `step_seconds`: how long a step takes; None if it is not known, which makes the result 1
           if there is a deadline.

@@ -35,8 +35,8 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     `size` have the defaults of the family in place of None, `softness` is a pair of floats (the
     same twice for a single number), scalars of NumPy and JAX are Python numbers, and the colours of
     `palette` and `background` are lists of floats, of which `uint8` values have been divided by
-    255. Invalid values are not changed, so that `check` can refuse them; an unknown family gets the
-    defaults of layers.
+    255. Invalid values are left to `check`, which refuses them; an unknown family gets the defaults
+    of layers.
     """
     normalized = {
         # An array without axes is a scalar of NumPy or JAX.
@@ -69,7 +69,8 @@ def check(settings: dict[str, Any], steps: Any, seconds: Any) -> None:
       of names that `steering.normalize_freeze` returns.
     - `steps`, `seconds`: the limits of the fit; None if not given. At most one may be given.
 
-    The values of `solver` and `start` are not checked here, but where they are used.
+    The values of `solver` and `start` are not checked here, but where they are used. Any value of
+    `translucent` counts as true or false.
     """
     name = settings["family"]
     _check_choice("family", name, tuple(TRAITS))
@@ -111,8 +112,8 @@ def prepare_weights(
     """Divide the weights of a target's pixels by their mean, as float32; None stays None.
 
     `target`: the image; `weights` must have the shape `[height, width]` of its pixels. Raises
-    `ValueError` for another shape, and unless all weights are finite numbers of 0 or more, and at
-    least one is above 0.
+    `ValueError` for another shape, for booleans, and unless all weights are finite numbers of 0 or
+    more, and at least one is above 0.
     """
     if weights is None:
         return None
@@ -139,7 +140,7 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a finite real number of Python or NumPy, and not a boolean.
+    """Whether a value is a finite integer or float of Python or NumPy, and not a boolean.
 
     It is false for an integer that is too large for a float.
     """

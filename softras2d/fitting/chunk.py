@@ -40,7 +40,7 @@ def advance_fits(
     beginning, with a larger plan in the `residual` of all fits and half as many steps, so that
     fewer than `steps` steps may be taken. The larger plan has capacity for the unknowns at the
     beginning of the chunk and for those at the end of each failed attempt. Shorter attempts stay
-    closer to these unknowns, so that this succeeds.
+    closer to these unknowns, so that this succeeds. Raises `RuntimeError` after `_MAX_ATTEMPTS`.
     """
     for fit in fits:
         _update_colors(fit)

@@ -1,9 +1,10 @@
 """Colours of least squared error for fixed geometry, by linear least squares.
 
-The sRGB values of an image are affine in the colours of its triangles, so one linear solve is
-exact. If the loss is computed in linear light, its residual is not affine in the colours, and a few
-Gauss-Newton steps are taken instead. The method works for any scene and coverage, because the
-solver uses only products with the Jacobian and with its transpose, which is never assembled.
+The sRGB values of an image are affine in the colours of its triangles, so one linear solve
+suffices. If the loss is computed in linear light, its residual is not affine in the colours, and a
+few Gauss-Newton steps are taken instead. The method works for any scene and coverage, because the
+solver uses the Jacobian, which is never assembled, only in products of it and its transpose with
+vectors.
 """
 
 import time
@@ -19,10 +20,10 @@ from ..names import LossSpace
 from .solve import Residual, default_promotion
 
 _PRODUCTS = 24
-"""Maximum number of products with the Jacobian in one linear solve, and of products with its
-transpose.
+"""Maximum number of iterations of LSMR in one linear solve.
 
-Images whose pixels mix the colours of many triangles need so many."""
+Each takes one product with the Jacobian, and one with its transpose. Images whose pixels mix the
+colours of many triangles need so many."""
 
 _STEPS: dict[LossSpace, int] = {"display": 1, "linear": 4}
 """Number of Gauss-Newton steps for each colour space in which the loss may be computed.

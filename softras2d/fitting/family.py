@@ -102,7 +102,7 @@ class AbstractFit(abc.ABC):
 
     The constructor of a family takes a `FitRequest`, makes the initial triangles, plans how to draw
     them (see `planning.plan`) and sets all of the attributes below. It raises `ValueError` for a
-    start that does not suit the family.
+    request that does not suit the family, such as a start of the wrong type.
 
     - `request`: the request from which the fit was made.
     - `residual`: the function that the solver minimises. `residual(unknowns, data)` returns `(out,
@@ -116,8 +116,8 @@ class AbstractFit(abc.ABC):
       the fit. Before the first step it is the background (layers) or the target (mesh).
     - `active`: number of triangles in use. They come first in the arrays; the other triangles are
       spare, and are not visible.
-    - `last_exchange`: share of the fit that was done, 0..1, when triangles or vertices were last
-      moved to where the error is large; 0 if that has not happened.
+    - `last_exchange`: share of the fit that was done, 0..1, at the last exchange, even if nothing
+      could be exchanged then; 0 if there was none.
     """
 
     request: FitRequest
@@ -213,18 +213,17 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays, by name, that are saved for fits of this family only.
+        """Return the arrays to be saved, by name, that `state.save_state` does not make itself.
 
-        `state.save_state` adds the arrays that are saved for all fits. The names are part of the
-        file format.
+        The names are part of the file format.
         """
 
     @abc.abstractmethod
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
         """Restore what `family_state` returned; `state.restore_state` has restored everything else.
 
-        `arrays` has all arrays of the saved state, by name. Raises `ValueError` for arrays of other
-        shapes or types than this fit has.
+        `arrays` has all arrays of the saved state, by name, which `saved_fit.check_state` has
+        checked. Raises `ValueError` for unknowns of other shapes or types than this fit has.
         """
 
 
@@ -235,8 +234,9 @@ class Family(NamedTuple):
     - `unknowns`: function that makes the pytree of unknowns from its leaves, in the order of
       `jax.tree.leaves`.
     - `check_state`: function of the saved arrays, and of the fit's settings, size and number of
-      triangles in use. It checks the arrays that `family_state` returned, and raises `ValueError`
-      if one is invalid. It returns the shapes of the leaves of the unknowns.
+      triangles in use. It checks the arrays that `family_state` returned, except those of
+      `steered_state`, and raises `ValueError` if one is invalid. It returns the shapes of the
+      leaves of the unknowns.
     """
 
     make: Callable[[FitRequest], AbstractFit]

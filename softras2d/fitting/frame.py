@@ -30,8 +30,8 @@ class Frame(NamedTuple):
 
         `settings`: the arguments of `fit`, of which only `size` and `family` are read. The longer
         side of the frame has `size` pixels, but the frame is never larger than the target. None as
-        `size` stands for 256 for layers, and for the size of the target for a mesh. The shorter
-        side is rounded, and at least 1.
+        `size`, which only files of earlier versions have, stands for 256 for layers, and for the
+        size of the target for a mesh. The shorter side is rounded, and at least 1.
         """
         longer_side = max(height, width)
         size = settings["size"]

@@ -68,8 +68,10 @@ def fit_frames(
     - The other arguments are as in `fit`. The solver is Adam, and the loss squared error. The
       background of all frames is transparent if they have alpha, else the mean colour of the first.
 
-    Results have no state, so that they cannot be resumed. The first Ctrl-C ends the fit with the
-    frames that are done. Raises `ValueError`, one line, for arguments that make no sense.
+    Results have no state, so that they cannot be resumed, and the history of a later frame is one
+    record. The first Ctrl-C ends the fit after the present frame or, in the first frame, after the
+    present chunk of steps; the last result then has `interrupted` set. A second Ctrl-C raises
+    `KeyboardInterrupt`. Raises `ValueError`, one line, for arguments that make no sense.
     """
     settings = choices.normalize(
         {
@@ -104,7 +106,7 @@ def fit_frames(
 def _check(frame_steps: Any, temporal: Any) -> None:
     """Raise `ValueError` for invalid values of the arguments that only `fit_frames` has.
 
-    `frame_steps` must be an integer from 1 on, and `temporal` a finite number from 0 on.
+    `frame_steps` must be an integer from 1 on, and `temporal` a finite int or float from 0 on.
     """
     checked_integer("frame_steps", frame_steps, 1)
     is_number = isinstance(temporal, int | float) and not isinstance(temporal, bool)
@@ -138,7 +140,7 @@ class _Film:
         self.results: list[FitResult] = []
 
     def fit_first(self, steps: int, interrupt: Interrupt) -> None:
-        """Fit the first frame as `fit` would, with at most `steps` steps in all.
+        """Fit the first frame as `fit` would, in `steps` steps.
 
         `interrupt` tells whether Ctrl-C was pressed, which ends the fit after the present chunk of
         steps.
@@ -177,8 +179,8 @@ class _Film:
 
         They are the present data with another target, as `Loss.prepare` returns it, and other
         weights of the pixels, 1 + `temporal` where the frames are equal. The new target of a pixel
-        is a weighted mean of its value in the frame and in the fitted frame before; the class
-        explains the weights.
+        is a weighted mean of its value in the frame and in the fitted frame before, which is the
+        image of the last step; the class explains the weights.
 
         - `before`, `target`: the targets of the frame before and of this frame, at the size of the
           fit.

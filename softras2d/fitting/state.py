@@ -1,8 +1,8 @@
 """Save the state of a fit as arrays by name, and restore it.
 
-A resumed fit continues as if it had never stopped, except that a least-squares solver restarts at
-its last point. In a saved file, the names of these arrays begin with `state.`, and `saved_fit`
-checks the arrays.
+A resumed fit continues exactly where it stopped, except that a least-squares solver restarts at its
+last point. In a saved file, the names of these arrays begin with `state.`, and `saved_fit` checks
+the arrays.
 """
 
 import hashlib
@@ -43,8 +43,9 @@ def save_state(fit: AbstractFit, steps: int) -> dict[str, np.ndarray]:
 def restore_state(fit: AbstractFit, arrays: dict[str, np.ndarray]) -> int:
     """Restore the arrays that `save_state` returned, into a new fit with the same settings.
 
-    `fit` is changed in place. Returns the number of steps of the saved fit. Raises `ValueError` if
-    the saved fit had another target, solver or size, or if its unknowns are not finite.
+    `fit` is changed in place. Returns the number of steps of the saved fit. `saved_fit.check_state`
+    has checked the arrays. Raises `ValueError` if the saved fit had another target, if its unknowns
+    are not finite, or if the unknowns or the solver's state have other shapes or types.
     """
     if not np.array_equal(arrays.get("target", []), _digest(fit.request.target.image)):
         raise ValueError("`resume` is of another `target`.")

@@ -38,8 +38,9 @@ def normalize_palette(palette: Any) -> Any:
 def check_palette(settings: dict[str, Any]) -> None:
     """Raise `ValueError` unless the setting `palette` is valid and agrees with the others.
 
-    Valid are None, a number of colours in 1..`MAX_PALETTE`, and a list of as many RGB lists in
-    0..1. Unless it is None, the settings `shading` and `colors` must be `"flat"` and `"together"`.
+    Valid are None, an integer in 1..`MAX_PALETTE`, the number of colours, and a list of
+    1..`MAX_PALETTE` RGB lists in 0..1. Unless it is None, the settings `shading` and `colors` must
+    be `"flat"` and `"together"`.
     """
     palette = settings["palette"]
     if palette is None:
@@ -87,9 +88,10 @@ Each other name freezes all that it stands for, such as all positions."""
 def normalize_freeze(freeze: Any) -> tuple[list[str], dict[str, Any]]:
     """Split the option `freeze` into the sorted list of its names, and its masks by name.
 
-    Both are empty for None. `freeze` is None, a name, several names, or a mapping from names to
-    True or, for the names in `MASKED`, to one-dimensional boolean masks. Raises `ValueError` for
-    anything else, such as a name in `MASKED` without a mask. The lengths of masks are not checked.
+    Both are empty for None. `freeze` is None, a name, a list, tuple or set of names, or a `dict`
+    from names to True or, for the names in `MASKED`, to one-dimensional boolean masks. Raises
+    `ValueError` for anything else, such as a name in `MASKED` without a mask. The lengths of masks
+    are not checked.
     """
     groups = get_args(names.FreezeGroup)
     if freeze is None:
@@ -164,7 +166,7 @@ def normalize_background(background: Any) -> Any:
     """Convert a colour to a list of floats; a `uint8` colour stands for 0..255.
 
     An array of `uint8` is divided by 255; other numbers keep their values, even outside 0..1. A
-    name, or a value that is not a list of numbers, is returned unchanged.
+    name, or a value that is not a one-dimensional array of numbers, is returned unchanged.
     """
     if isinstance(background, str):
         return background

@@ -1,4 +1,4 @@
-"""The unit of positions and the bounds of colours among the unknowns, which the solver changes."""
+"""The unit of positions among the unknowns, which the solver changes, and the clip of colours."""
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +10,12 @@ POSITION_UNIT = 20.0
 The *unknowns* are the numbers that the solver changes: a position of 1 stands for 20 pixels.
 Solvers work best when all unknowns change the image about equally. With this unit, a change of 0.05
 moves a vertex by one pixel, which changes the image about as much as a change of a colour by 0.05.
+For a vertex of a mesh, `MeshData.scale` takes its place, which may be smaller.
 """
 
 
 def clip_straight_through(values: Array) -> Array:
-    """Clip values to 0..1, but with a derivative of 1 everywhere, also outside 0..1.
+    """Clip values to 0..1, up to rounding, but with a derivative of 1 everywhere.
 
     The gradient of an unknown outside 0..1 can therefore bring it back.
     """
