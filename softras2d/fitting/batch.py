@@ -62,8 +62,8 @@ def fit_batch(
       weights are used.
     - `palette`: if it is a number of colours, the fit of each image chooses its own.
     - `freeze`: names only; masks are refused.
-    - `devices`: devices of JAX, each of which takes an equal share of the images, by the same
-      program and without communication. JAX's first device unless given.
+    - `devices`: devices of JAX that share the images as evenly as blocks of one size allow, by the
+      same program and without communication. JAX's first device unless given.
     - `report`: called after each chunk with the last record of each image. The seconds in a record
       are those of all images together.
     - There is no `family`, `callback` or `checkpoint`.
@@ -125,7 +125,7 @@ def _check_earlier(
 def _finish(tasks: list[Task], interrupted: bool, interrupt: Interrupt) -> list[FitResult]:
     """Make the result of each fit, after solving for its colours if the settings ask for that.
 
-    The results are scored at the size of the targets, by one compiled program.
+    The results are scored at the size of the targets, by one program if its capacities suffice.
 
     - `interrupted`: whether Ctrl-C ended the steps. Then colours are not solved for.
     - `interrupt`: tells whether Ctrl-C is pressed later. From then on, colours are not solved for.
@@ -153,7 +153,7 @@ def _check_targets(targets: Sequence[Any], transparent: bool) -> list[Image]:
     """Convert the targets to RGB or RGBA in 0..1; raise `ValueError` unless they have one shape.
 
     The shape includes the number of channels. `ValueError` is also raised for a target that is not
-    an image.
+    an image, and if there are no targets.
 
     `transparent`: keep alpha, and add an alpha of 1 to each target without alpha. Otherwise alpha
     is dropped if it is 1 everywhere in all targets.
@@ -179,7 +179,7 @@ def _settings(
     except for `seed` and `start`, because the fits share compiled programs. Resumed fits must be
     of layers, and must have taken equal numbers of steps.
 
-    - `given`: the settings that the user gave, other than `start`.
+    - `given`: the settings that the user gave, other than `start`. They are checked in any case.
     - `starts`: the start of each fit.
     - `earlier`: for each fit, the result that it resumes, or None.
     - `steps`, `seconds`: the limits, as in `fit`, which are only checked.
@@ -226,13 +226,14 @@ def _for_each(name: str, value: Any, count: int) -> list[Any]:
 
 
 def _weight_maps(weights: Any, earlier: list[FitResult | None]) -> list[Any]:
-    """Return the weights of the pixels of each target, as the user gave them, or None.
+    """Return, for each target, the weights of its pixels, or None for each if there are none.
 
     - `weights`: the argument of `fit_batch`, one map for all targets or one map for each. It is
       used for new fits only.
-    - `earlier`: for each fit, the result that it resumes, which has its weights; or None.
+    - `earlier`: for each fit, the result that it resumes, which has its weights, divided by their
+      mean; or None. Other weights are returned as they were given.
 
-    Raises `ValueError` if only some of the targets have weights.
+    Raises `ValueError` if only some of the targets have weights, or for another number of maps.
     """
     count = len(earlier)
     is_list = isinstance(weights, list | tuple) and len(weights) > 0 and np.ndim(weights[0]) != 1

@@ -81,7 +81,7 @@ class FitRequest(NamedTuple):
     def starts_from_object(self) -> bool:
         """Whether the user gave a scene or a mesh as the option `start`.
 
-        In a resumed fit, the option of the earlier fit counts.
+        In a resumed fit, the option of the earlier fit counts. `LayersFit.retarget` sets it, too.
         """
         start = self.settings["start"]
         return not isinstance(start, str) or start not in get_args(names.FitStart)

@@ -70,9 +70,9 @@ def fit(
     - `steps`: total number of solver steps, including the steps of `resume`. The default is 1000.
     - `seconds`: time limit of this call, instead of `steps`; includes compiling and scoring.
     - `size`: number of pixels along the longer side of the image during the fit. The default is 256
-      for layers, and 1024 for a mesh. A fit is never larger than its target. At the end, the
-      colours of a mesh are solved for at the size of the target, if the loss is squared error of
-      sRGB values and there is no `palette`, `freeze` or `callback`.
+      for layers, and 1024 for a mesh. A fit is never larger than its target. If it is smaller, the
+      colours of a mesh are solved for at the size of the target at the end, if the loss is squared
+      error of sRGB values and there is no `palette`, `freeze` or `callback`.
     - `shading`: `"flat"`, one colour per triangle; `"gouraud"`, colours interpolated between the
       corners, where triangles of a mesh that share a vertex share its colour; or, for a mesh alone,
       `"linear"`, interpolated between three corner colours that no other triangle shares. The
@@ -99,21 +99,22 @@ def fit(
       exist from the beginning, and none are added or replaced: `"uniform"`, random triangles, or a
       mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are denser where the
       image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
-    - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1,
+    - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1 (or `uint8`),
       `[colours, 3]`, or a number of colours, which the fit then chooses. Each triangle has one of
-      them, and so has the background of layers if the fit chooses it. For `shading="flat"`.
+      them, and so has the background of layers if the fit chooses an opaque one. For
+      `shading="flat"` and `colors="together"`.
     - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these.
       Or a mapping, which may have these names with the value True, and `"triangles"` or, for a
       mesh, `"vertices"` with a boolean mask of the triangles or vertices of the scene or mesh to
-      start from. A frozen vertex keeps its position and colour; a frozen triangle keeps its
-      corners, colours and opacity. With `start="error"`, new triangles are still added to layers.
-      Their positions, colours or opacity, if frozen, do not change after that. No triangle is
-      replaced by a new one.
+      start from. A frozen vertex keeps its position and, with `"gouraud"`, its colour; a frozen
+      triangle keeps its corners, colours and opacity. With `start="error"`, new triangles are still
+      added to layers. Their positions, colours or opacity, if frozen, do not change after that. No
+      triangle is replaced by a new one.
     - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
       there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
-      colour is fitted, for opaque targets. A colour, RGB in 0..1, is not changed. `"transparent"`:
-      nothing is behind the layers, and an opaque target gets an alpha of 1. A mesh, which hides
-      any background, takes only `"mean"`.
+      colour is fitted, for opaque targets. A colour, RGB in 0..1 (or `uint8`), is not changed.
+      `"transparent"`: nothing is behind the layers, and an opaque target gets an alpha of 1. A
+      mesh, which hides any background, takes only `"mean"`.
     - `report`: called with a `ProgressReport` after each chunk of steps.
     - `callback`: called with the current scene and a `ProgressReport` after each chunk of steps. It
       may return another scene, from which the fit then continues: see below.
@@ -122,8 +123,8 @@ def fit(
       `callback` and `checkpoint` of this call are used. If the earlier fit had a function as `loss`
       or a solver object, hand it over again.
     - `checkpoint`: path of an `.npz` to write every half minute. What `FitResult.load` reads from
-      it is a value for `resume`. At the end of the fit it is written only after Ctrl-C. A
-      checkpoint that cannot be written is a warning.
+      it is a value for `resume`. At the end of the fit it is written only after Ctrl-C. Another
+      suffix or a folder that does not exist is refused; a later failure to write is a warning.
 
     **A function as `loss`** gets two float32 images `[height, width, 3 or 4]` of the size of the
     fit, in the colour space `light`, premultiplied if they have alpha. It is traced by JAX, and
@@ -156,8 +157,9 @@ def fit(
     ```
 
     The first Ctrl-C ends the fit, which returns the best scene so far with `interrupted` set; a
-    second raises `KeyboardInterrupt`. Either writes the checkpoint first. After a second Ctrl-C,
-    the image in the checkpoint is not the hard image, but the enlarged image of the last step.
+    second raises `KeyboardInterrupt`. Either writes the checkpoint first, the second only
+    once the initial triangles are made. After a second Ctrl-C, the checkpoint has the enlarged
+    image of the last step, and its scores at the size of the fit, in place of the hard image's.
 
     A fit computes in float32, whatever JAX is set to. Raises `ValueError`, one line, for arguments
     that make no sense.
@@ -225,7 +227,9 @@ def _fit_to_the_end(
 
 
 def _check_checkpoint(path: Path) -> None:
-    """Raise `ValueError` unless `path` ends in .npz, in a folder that exists, and is no folder.
+    """Raise `ValueError` unless `path` ends in .npz, in either case, and a file may be made there.
+
+    Its folder must exist, and `path` itself must not be a folder.
 
     `fit` calls this before its first step, so that no work is lost. The file is not touched, so
     that it may still turn out not to be writable.

@@ -30,7 +30,7 @@ from .result import FitResult
 from .target import Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".bmp", ".webp", ".gif")
-"""Suffixes, in lower case, of the files in a folder that count as pictures."""
+"""Suffixes of the files in a folder that count as pictures; upper case counts, too."""
 
 _SHARES = 16
 """Number of aspect ratios of size classes: the shorter side is 1/16, 2/16, ... or 16/16 of the
@@ -174,7 +174,7 @@ def fit_pictures(
 
     Yields the scores of each picture as soon as both of its files are written. A picture that had
     both files before is not yielded, and its files are not written. Raises `KeyboardInterrupt`
-    after Ctrl-C, without writing.
+    after Ctrl-C during the fit, without writing.
     """
     wanted = [picture for picture in batch.pictures if not is_done(picture, folder)]
     if not wanted:

@@ -35,9 +35,9 @@ class ProgressReport(NamedTuple):
     - `scene()`: returns the scene with the least loss so far, in pixels of the target. All scenes
       of a fit have the same shapes: triangles that are not in use lie outside the canvas or have no
       area.
-    - `saved_psnr`: PSNR, in dB, of the result if the fit ended now. It is computed from time to
-      time in another thread. The field has the last value that was computed, and NaN before the
-      first. A fit with a limit of steps and no `report` computes none.
+    - `saved_psnr`: PSNR, in dB, of the scene with the least loss, scored as the result will be. It
+      is computed from time to time in another thread. The field has the last value that was
+      computed, and NaN before the first. A fit with a limit of steps and no `report` computes none.
     """
 
     record: Record
@@ -84,7 +84,8 @@ def run(
 ) -> bool:
     """Advance fits together until the budget is used; return whether Ctrl-C ended them early.
 
-    - `fits`: fits with the same shapes, solver and settings, which are changed in place.
+    - `fits`: fits with the same shapes and solver, and with the same settings but for `seed` and
+      `start`. They are changed in place.
     - `histories`: one list for each fit, to which a record is appended after each chunk.
     - `budget`: the limit of steps or seconds.
     - `steps`: number of steps of the fit that is resumed; 0 for a new fit.
@@ -94,7 +95,7 @@ def run(
       0..1, and the seconds until the last step, NaN if not known. A `KeyboardInterrupt` from this
       function counts as Ctrl-C; any other exception is passed on.
     - `save()`: writes a checkpoint; called about every half minute, after a chunk.
-    - `devices`: devices each of which takes an equal share of the fits; JAX's first device by
+    - `devices`: devices that share the fits, as in `solve.advance_each`; JAX's first device by
       default.
     """
     counters = [AcceptedSteps(records[-1].accepted if records else 0) for records in histories]

@@ -10,8 +10,8 @@ Each pixel is a weighted sum of the colours, with weights of 0 or more that sum 
 squared error, summed over pixels and channels, therefore has an upper bound that is a sum of
 parabolas, one for the colour of each triangle. The bound is equal to the squared error at the
 present colours. Each triangle takes the colour of the palette that is best for its parabola, as in
-k-means. So, once all colours are of the palette, `quantize` never raises the squared error. This is
-true for translucent triangles, too.
+k-means. So, once all colours are of the palette, `quantize` never raises the squared error of an
+opaque image, but for rounding. This is true for translucent triangles, too.
 
 **Source:** Lloyd, *Least squares quantization in PCM* (1982); Arthur and Vassilvitskii, *k-means++*
 (2007), for the first palette; De Pierro (1995) for the separable upper bound.
@@ -88,8 +88,8 @@ def first_palette(target: Target, count: int, seed: int) -> Float[np.ndarray, "{
 
     A pixel counts in proportion to its weight and to its alpha. K-means runs several times on a
     random sample of the pixels, and the palette with the least sum of squared distances is
-    returned. If the sample has fewer than `count` colours, some occur twice in the palette. `seed`:
-    seed of the random choices.
+    returned. If the sample has fewer than `count` colours, some occur several times in the palette.
+    `seed`: seed of the random choices.
     """
     rng = np.random.default_rng(seed)
     weight = np.ones(target.image.shape[:2]) if target.weights is None else target.weights
@@ -168,8 +168,9 @@ def quantize(
     """Assign a colour of the palette to each flat triangle, so that the squared error is low.
 
     The squared error is computed from sRGB values, multiplied by the weights of the pixels, and
-    summed over pixels and channels, whatever the loss of the fit. It does not rise if the colours
-    in `y`, and the background if it gets one, are of the palette already.
+    summed over pixels and channels, whatever the loss of the fit. For an opaque image it does not
+    rise, but for rounding, if the colours in `y`, and the background if it gets one, are of the
+    palette already.
 
     - `residual`: the residual of the fit (`AbstractFit.residual`), of which only the image is used.
     - `y`: the unknowns, in which frozen numbers have their fixed values.

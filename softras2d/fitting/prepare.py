@@ -33,12 +33,13 @@ def make_fit(
     - `target`: the image and its weights, at their original size.
     - `settings`: the arguments of `fit`, checked and completed by `choices`.
     - `frame`: the size of the fit.
-    - `resume`: the result of the fit that is resumed, or None. Only the shapes of its arrays matter
-      here; `state.restore_state` restores its values later.
+    - `resume`: the result of the fit that is resumed, or None. Only what fixes the shapes of the
+      fit is taken from it; `state.restore_state` restores the other values later.
     - `must_start()`: returns whether the search for initial triangles must end with what it has.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
 
-    Raises `ValueError` if the solver, the loss, the weights and the start cannot be combined.
+    Raises `ValueError` for an unknown solver, for a start, a target or masks that do not suit the
+    family, and if the solver, the loss and the weights cannot be combined.
     """
     solver = solver_of(settings["solver"])
     loss = _loss_of(settings, target)
@@ -96,9 +97,10 @@ def max_chunk_steps(solver: Solver, frame: Frame) -> int:
 def check_image(target: Any) -> Image:
     """Convert a target to RGB or RGBA, float32 in 0..1; raise `ValueError` if it is not an image.
 
-    An image is `[height, width]` or `[height, width, 1, 3 or 4]`, with at least one pixel, of
-    floats, `uint8` or booleans. It must be finite and not negative, with alpha at most 1. `uint8`
-    values stand for 0..255, booleans for black and white, and grey is repeated in three channels.
+    An image is `[height, width]` or `[height, width, channels]` with 1, 3 or 4 channels, with at
+    least one pixel, of floats, `uint8` or booleans. It must be finite and not negative, with alpha
+    at most 1. `uint8` values stand for 0..255, booleans for black and white, and grey is repeated
+    in three channels.
     Colours above 1 become 1, which is the brightest that a triangle can have, with a warning.
     """
     image = np.asarray(target)

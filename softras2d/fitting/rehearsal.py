@@ -14,7 +14,7 @@ import jax
 from ..scene import Scene
 
 _INTERVAL = 10.0
-"""Time between two rehearsals, as a multiple of the time that the end of the fit takes.
+"""Least time between two rehearsals, as a multiple of the time that the end of the fit takes.
 
 Rehearsals share the processor with the fit, so they must be rare."""
 

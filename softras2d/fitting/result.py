@@ -51,7 +51,8 @@ class FitResult:
     - `image`: the scene drawn in hard mode with 16 samples per pixel, `[height, width, channels]`,
       with straight alpha.
     - `psnr` (dB; infinite if equal), `ssim`: scores of `image` against the target, from sRGB
-      values, which are premultiplied if there is alpha.
+      values, which are premultiplied if there is alpha. `fit` says what a checkpoint has as `image`
+      and scores after a second Ctrl-C.
     - `history`: one record for each chunk of steps, including those of the fits that were resumed.
     - `settings`: the arguments of the fit, in types that JSON has.
     - `interrupted`: whether Ctrl-C ended the fit.
@@ -139,7 +140,8 @@ class FitResult:
         """Write an `.npz` file from which `load` restores the result exactly.
 
         A failure leaves no partial file. Raises `ValueError`, with a message of one line, for
-        another suffix and for a result whose arrays have more than a GiB.
+        another suffix (either case will do), for a result whose arrays have more than a GiB, and
+        for a file that cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".npz":
@@ -170,7 +172,7 @@ class FitResult:
         """Read a file that `save` wrote. Every array is checked before it is used.
 
         Raises `ValueError` for any other file, and for one that unpacks to more than a GiB. The
-        message, one line, names the file, the array, and what is required of it.
+        message, one line, names the file and, if a single array is at fault, that array.
         """
         path = Path(path)
         if not path.is_file():

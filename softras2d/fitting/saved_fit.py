@@ -2,7 +2,7 @@
 
 A file may come from anywhere, so no array is used before it has been checked here. The checks
 remove arrays from an `entries.Entries`. Every fault raises a `ValueError` of one line that names
-the array and what is required of it.
+the array, or the setting in the array `facts`, and what is required of it.
 """
 
 from typing import Any
@@ -33,7 +33,7 @@ _SETTINGS = (
     "triangles", "family", "solver", "seed", "size", "shading", "translucent", "softness",
     "colors", "loss", "light", "start", *steering.DEFAULTS,
 )  # fmt: skip
-"""Names of the settings that a file must have. It may have no others."""
+"""Names of all settings that a file has, once `read_facts` has added those of earlier versions."""
 
 _MAX_FACTS_BYTES = 2**20
 """Largest number of bytes of the JSON text in the array `facts` of a file."""
@@ -46,7 +46,8 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
     """Read the array `facts`, JSON; return the fit's settings, and whether the fit was interrupted.
 
     Settings that files of earlier versions lack have the values of `steering.DEFAULTS`. Raises
-    `ValueError` for a file of another format, and for settings that no fit can have.
+    `ValueError` for anything but an object in JSON that has this format, settings that a fit can
+    have, and `interrupted` as a boolean.
     """
     data = entries.take("facts", np.uint8, ("bytes",))
     if data.size > _MAX_FACTS_BYTES:
@@ -101,7 +102,7 @@ def check_settings(settings: Any) -> None:
 def read_image(entries: Entries) -> np.ndarray:
     """Read the array `image`, the hard image of the result, `[height, width, 3 or 4]`.
 
-    It must be float32 and finite, with at most `_MAX_SIDE` pixels a side; otherwise `ValueError` is
+    It must be float32 and finite, with 1 to `_MAX_SIDE` pixels a side; otherwise `ValueError` is
     raised. Its values may lie outside 0..1.
     """
     image = entries.finite("image", np.float32, ("height", "width", "3 or 4"))
@@ -153,7 +154,8 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
     - `settings`: decide the numbers of colours and channels, and the largest number of triangles.
     - `channels`: number of channels of the image, and so of the background.
 
-    Raises `ValueError` for arrays of other types or shapes, and for what `scene.check` refuses.
+    Raises `ValueError` for arrays of other types or shapes, for too many triangles, and for what
+    `scene.check` refuses.
     """
     corners = 1 if settings["shading"] == "flat" else 3
     color_channels = 4 if settings["translucent"] else 3
@@ -181,7 +183,8 @@ def read_scene(entries: Entries, settings: dict[str, Any], channels: int) -> Sce
 def check_state(state: dict[str, Any], settings: dict[str, Any], size: Size, steps: int) -> None:
     """Raise `ValueError` unless a fit with these settings can be resumed from this state.
 
-    Every array is checked, and there may be no others. `state` is not changed.
+    Every array is checked, except the state of a solver object, and there may be no others. `state`
+    is not changed.
 
     - `state`: arrays by name, as in `FitResult.state`.
     - `size`: size of the target.
@@ -222,7 +225,7 @@ def _check_solve(
     array that is missing, or has another type or shape. If the fit had a solver object, whose state
     has unknown shapes, only the unknowns are checked.
 
-    - `entries`: the arrays of the saved fit. Those that are checked are removed.
+    - `entries`: the arrays of the saved fit, from which these are removed.
     - `shapes`: the shapes of the unknowns.
     - `size`: the size of the fit.
     """
@@ -246,8 +249,9 @@ def _solver_arrays(
 ) -> list[tuple[Any, tuple[int, ...]]] | None:
     """Return type and shape of each array `solve.0`, `solve.1`, ... of a fit with these settings.
 
-    They are computed by tracing the beginning of a solve. Returns None for a solver that was given
-    as an object, because a file contains only the name of its type.
+    Unless the solver is one of least squares, they are computed by tracing the beginning of a
+    solve. Returns None for a solver that was given as an object, because a file contains only the
+    name of its type.
 
     - `shapes`: the shapes of the unknowns.
     - `size`: the size of the fit.

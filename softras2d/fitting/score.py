@@ -55,7 +55,8 @@ class Scorer:
     def warm_up(self, likely: Scene) -> float:
         """Compile the programs of `score`; estimate the seconds that `score` takes after that.
 
-        The estimate is returned. It comes from timing the second run of each program.
+        The estimate is returned. It comes from timing the second run of each program. The last
+        strip of a large image, if it has fewer rows, needs another program, which is not compiled.
 
         `likely`: a scene in pixels of the target, with the shapes of the scenes to be scored, and
         about as costly to draw.
@@ -131,7 +132,8 @@ def strips(height: int, width: int) -> list[slice]:
     """Cut an image into strips of rows such that each window of SSIM lies in exactly one strip.
 
     Returns the rows of each strip. Strips overlap, because windows do. Each has about
-    `_STRIP_PIXELS` pixels or, at the end, fewer; a small image is one strip.
+    `_STRIP_PIXELS` pixels, more in very wide images, or, at the end, fewer; a small image is one
+    strip.
     """
     if height * width <= _STRIP_PIXELS:
         return [slice(0, height)]

@@ -42,10 +42,10 @@ class Progress(NamedTuple):
 
     @property
     def best(self) -> Any:
-        """The unknowns with the least loss of all that the solver has evaluated.
+        """The unknowns with the least loss of all points at which a step has begun.
 
-        After `forget_best`, only later evaluations count. While `best_loss` is infinite, this value
-        has no meaning, and the caller should use `y`.
+        After `forget_best`, only later steps count. While `best_loss` is infinite, this value has
+        no meaning, and the caller should use `y`.
         """
         return self.state.best_y
 
@@ -89,9 +89,8 @@ def advance(
 ) -> Chunk:
     """Take a chunk of `steps` steps of a solve, by one compiled program.
 
-    The loss of a step is the loss at the solver's last evaluation. First-order solvers evaluate at
-    the point where the step begins. Other solvers evaluate at the point where the step would end,
-    whether or not they accept the step.
+    The loss of a step, and what `residual` returns for it, are those at the point where the step
+    begins, even if the solver also evaluates the point where it would end.
 
     - `args`: the second argument of `residual`, its data.
     - `max_steps`: an upper bound on `steps`; None: equal to `steps`. Chunks with equal `max_steps`
@@ -123,9 +122,10 @@ def advance_each(
     - `progresses`: the state of each solve.
     - `args`: for each solve, the second argument of `residual`, its data.
     - `max_steps`: as in `advance`.
-    - `devices`: devices each of which takes an equal share of the solves by the same program,
-      without any communication; None: JAX's first device takes all. The arrays of the result are
-      on the first of them.
+    - `devices`: devices to which the solves are dealt in blocks of one length, except that the
+      last block may be shorter and that there may be more devices than blocks. They run the same
+      program, without any communication, and the arrays of the result are on the first of them.
+      None: JAX's first device takes all.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -222,7 +222,7 @@ def _learning_rate(progress: Progress) -> Any:
 def forget_best(progress: Progress) -> Progress:
     """Forget the best unknowns of a solve, for when later losses are not comparable to theirs.
 
-    The best loss becomes infinite, so that the next point that the solver evaluates is the best.
+    The best loss becomes infinite, so that the point at which the next step begins is the best.
     """
     infinite = jnp.full_like(progress.best_loss, jnp.inf)
     state = eqx.tree_at(lambda state: state.best_loss, progress.state, infinite)

@@ -178,7 +178,7 @@ class Task:
     def _result(self, score: Score, interrupted: bool) -> FitResult:
         """Make the result from the scene of least loss so far and its score.
 
-        - `score`: the image of that scene, with its PSNR and SSIM.
+        - `score`: the image of the result, with its PSNR and SSIM.
         - `interrupted`: whether Ctrl-C ended the fit.
         """
         scene = self._with_exact_positions(self.frame.enlarge(self.fit.scene()))

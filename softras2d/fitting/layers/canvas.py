@@ -9,8 +9,8 @@ from ..units import POSITION_UNIT
 OVERSHOOT = 0.4
 """Distance by which a corner may lie outside a square whose side is the longer side of the canvas.
 
-The distance is a multiple of that side. It is larger if a scene to start from has corners farther
-outside. Hard mode clips triangles at half a longer side outside the canvas."""
+The distance is a multiple of that side. A fit allows more if the scene to start from has corners
+farther outside. Hard mode clips triangles at half a longer side outside the canvas."""
 
 
 def overshoot_of(corners: Float[np.ndarray, "triangles 3 2"], height: int, width: int) -> float:

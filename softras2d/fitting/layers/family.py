@@ -374,7 +374,7 @@ class LayersFit(AbstractFit):
         self._go_to(y)
 
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays, by name, that are saved for a fit of layers only.
+        """Return the arrays to be saved, by name, that `state.save_state` does not make itself.
 
         `saved.pack` and, for a palette and for frozen unknowns, `steered_state` say which they are.
         """

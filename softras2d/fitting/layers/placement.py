@@ -26,7 +26,7 @@ _TRIES = 24
 """Number of random candidates for each new triangle."""
 
 _MAX_PAIRS = 2.0**21
-"""Largest number of (candidate, pixel) pairs in memory at once; each takes some 100 bytes."""
+"""About the largest number of (candidate, pixel) pairs in memory at once, each some 100 bytes."""
 
 _ROUNDING = 1e-9
 """Least gain of a new triangle, as a multiple of the number of pixels of the image.
@@ -62,7 +62,7 @@ def find_new_triangles(
     The centres of candidates are drawn at random, in proportion to the blurred squared error. Each
     candidate has the weighted mean colour of the target inside it, or, with a palette, the nearest
     colour of the palette. The chosen ones hardly overlap, so that their gains add up. Fewer than
-    `count`, or none, are returned if too few candidates lower the error.
+    `count`, or none, are returned if too few candidates that lower the error lie apart.
 
     - `rng`: source of the random choices.
     - `image`, `target`: sRGB, or premultiplied sRGB with alpha as the fourth channel.
@@ -213,8 +213,8 @@ def soup_pixels(corners: Corners, *, height: int, width: int) -> PixelWeights:
     """Find the pixels whose centres lie in each of a number of independent triangles.
 
     The canvas has `height` x `width` pixels. The triangles may overlap and have either orientation;
-    corners are in pixels. A triangle without area, or with a corner that is not finite, has no
-    pixels. The barycentric weights are in the order of the given corners.
+    corners are in pixels. A triangle with almost no area, or with a corner that is not finite, has
+    no pixels. The barycentric weights are in the order of the given corners.
     """
     area = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     is_usable = np.isfinite(area) & (np.abs(area) > 1e-6)

@@ -6,7 +6,7 @@
   are removed, and as many are added where they lower the error most.
 - After that, triangles are only moved and coloured by the solver. Near the end the learning rate
   falls.
-- Meanwhile, soft edges become sharper until `_SHARPENED`.
+- Meanwhile, the width of soft edges goes from its first to its last value until `_SHARPENED`.
 """
 
 import numpy as np
@@ -29,7 +29,8 @@ none."""
 _LEARNING_RATE = 0.025
 """First learning rate.
 
-With this rate, a step of Adam changes a position by up to half a pixel and a colour by up to 0.025.
+With this rate, a step of Adam changes a position by about half a pixel, or less, and a colour by
+about 0.025, or less.
 """
 
 _RATE_FALL, _FINAL_RATE_FACTOR = 0.3, 0.02
@@ -47,7 +48,7 @@ def triangles_to_add(share: float, active: int, total: int) -> int:
 
     - `share`: share of the fit that is done, 0..1.
     - `active`: number of triangles in use.
-    - `total`: number of triangles in use from `GROWTH_END` on.
+    - `total`: number of triangles that should be in use from `GROWTH_END` on.
     """
     growth = min(1.0, share / GROWTH_END) ** 1.5
     wanted = int(min(total, max(_MIN_TRIANGLES, total * growth)))
@@ -70,8 +71,8 @@ def is_exchange_due(share: float, last_exchange: float) -> bool:
 def triangles_to_exchange(share: float, total: int) -> int:
     """Largest number of triangles, of `total`, to exchange at this share of the fit; at least 1.
 
-    It falls linearly from `_FIRST_EXCHANGE_SHARE * total` to 1 as `share`, the share of the fit
-    that is done, grows from 0 to 1.
+    It falls linearly from `_FIRST_EXCHANGE_SHARE * total` to 0, rounded down but at least 1, as
+    `share`, the share of the fit that is done, grows from 0 to 1.
     """
     return max(1, int(total * _FIRST_EXCHANGE_SHARE * (1 - share)))
 

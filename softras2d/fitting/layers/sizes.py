@@ -28,8 +28,8 @@ class FitSizes(NamedTuple):
 
     - `height`, `width`: size of the fit in pixels.
     - `length`: number of triangles in the arrays, including the spare triangles, which are not used
-      yet and lie outside the canvas (see `spare`). It is a size class (`planning.size_classes`), so
-      that fits of nearby numbers of triangles share compiled programs.
+      yet and lie outside the canvas (see `spare`). In a new fit it is a size class
+      (`planning.size_classes`), so that fits of nearby numbers of triangles share programs.
     - `max_triangles`: largest number of triangles in use, at most `length`.
     - `gouraud`: whether a triangle has three corner colours; otherwise it has one colour.
     - `translucent`: whether a triangle has an opacity.
@@ -80,8 +80,8 @@ class FitSizes(NamedTuple):
     def likely_scene(self, background: Float[Array, " channels"]) -> Scene:
         """Make a scene, in pixels of the fit, that is about as costly as later scenes of the fit.
 
-        It has `max_triangles` random triangles, larger than those that the fit adds, followed by
-        spare triangles. The scene is the same at each call. `background`: its background.
+        It has `max_triangles` random triangles, larger than the last ones that the fit adds,
+        followed by spare triangles. It is the same at each call. `background`: its background.
         """
         count = self.max_triangles
         rng = np.random.default_rng(0)

@@ -51,7 +51,7 @@ def start_of(
     - `translucent`: whether the opacity of triangles is fitted. If not, a scene must be opaque.
     - `circumradius`: typical circumradius of the triangles of a `"uniform"` start, in pixels.
 
-    Raises `ValueError` for an unknown name, and for a scene that cannot be fitted.
+    Raises `ValueError` for any other start, and for a scene that cannot be fitted.
     """
     if isinstance(start, Scene):
         return _from_scene(start, triangles, gouraud, translucent)

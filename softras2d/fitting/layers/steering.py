@@ -32,8 +32,8 @@ def has_palette_background(request: FitRequest, background: Float[np.ndarray, " 
     """Whether the background must have a colour of the palette.
 
     It must if there is a palette, and the fit chooses an opaque background itself. A colour that
-    the user gave, the background of a scene to start from, and a transparent background stay as
-    they are.
+    the user gave, the background of a scene to start from, unless the option `background` is
+    `"fit"`, and a background with alpha stay as they are.
 
     `background`: the present background.
     """
