@@ -26,7 +26,7 @@ from .triangles import Batch, Triangles, in_draw_order
 
 
 class DisplayList:
-    """The shapes of a drawing, in draw order. Coordinates are in pixels, float64.
+    """The shapes of a drawing, in draw order.
 
     Colours are sRGB with straight alpha. Every `add_...` method charges its shape to the budget,
     and raises `BudgetError` if a limit is exceeded.
@@ -35,8 +35,8 @@ class DisplayList:
     - `budget`: limits the work; None for a new one.
     - `line`: line number of the element that is being read, which the dialect sets. It is stored
       with each shape, so that errors of `finish` can name it.
-    - `approximated`: number of polygons of `add_ears` that cross themselves, and that `finish`
-      filled by the nonzero rule, since they have too many points for the course's ear clipping.
+    - `approximated`: number of polygons of `add_ears` that cross or touch themselves, and that
+      `finish` filled by the nonzero rule, since they have too many points for ear clipping.
     """
 
     def __init__(self, name: str, budget: Budget | None = None):
@@ -172,9 +172,9 @@ class DisplayList:
         `height` and `width` are the size of the canvas in pixels. The lines of `add_hairlines` are
         drawn only on the canvas; other shapes are not cut at its border.
 
-        Adds to `approximated`. Raises `ValueError` for coordinates and colours that are not finite
-        in float32, for a stroke that its map sends to infinity or beyond (w <= 0), and for work
-        beyond the budget.
+        Adds to `approximated`. Raises `ValueError` for coordinates, texture coordinates and colours
+        that are not finite in float32, for a stroke that its map sends to infinity or beyond
+        (w <= 0), and for work beyond the budget.
         """
         batches = [
             Batch(np.zeros(0, np.int64), np.zeros((0, 3, 2), np.float32)),
@@ -268,8 +268,8 @@ class DisplayList:
     def _from_ears(self) -> Batch | None:
         """Triangulate the shapes from `add_ears`; None if there are none.
 
-        Polygons that ear clipping skips are filled by the nonzero rule; those of them that cross
-        themselves are counted in `approximated`. Errors are as for `_from_polygons`.
+        Polygons that ear clipping skips are filled by the nonzero rule; those of them that cross or
+        touch themselves are counted in `approximated`. Errors are as for `_from_polygons`.
         """
         if not self._ears:
             return None

@@ -97,7 +97,8 @@ def _without_hidden(
     """Cut from each item what the opaque items in front of it hide.
 
     `neighbours` has, for each item, the indices of the items in front that may overlap it. A gap of
-    `_GAP` is cut away too. Returns one item for each of `items`, whose region may be empty.
+    `_GAP` around what hides it is cut away too. Returns one item for each of `items`, whose region
+    may be empty.
     """
     visible = []
     # A stroke of many dashes often lies in front of several pieces of the fill behind it.
@@ -125,13 +126,13 @@ def _blend(
 
     - `uncovered`: the part of the region of `item` that overlaps none of the items behind that were
       blended before.
-    - `cells`: for each item, a list of its cells, which this function changes. Overlaps, with a gap
-      of `_GAP` around them, are removed from `cells[behind]`. They are appended to `cells[index]`
-      with the blended colours.
+    - `cells`: for each item, a list of its cells, which this function changes. Each overlap is
+      appended to `cells[index]` with the blended colours, and removed from `cells[behind]` together
+      with a gap of `_GAP` around it.
     - `behind`, `index`: indices in `cells` of the item behind, and of `item` itself.
 
-    Returns the part of `uncovered` that covers no cell of the item behind either, and whether the
-    blended colours are exact.
+    Returns the part of `uncovered` that covers neither a cell of the item behind nor the gap around
+    an overlap, and whether the blended colours are exact.
     """
     remaining_cells, is_exact = [], True
     for cell in cells[behind]:

@@ -20,8 +20,8 @@ class Paint(NamedTuple):
     - `uv`: maps `(x, y, 1)` in pixels to texture coordinates (u right, v down, 0..1 across the
       texture); None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: whether the texture may be translucent, even where the alpha of `color` is 1.
-      False without a texture.
+    - `has_alpha`: whether texture and `color` together may be translucent. False without a texture.
+      If it is False, only the alpha of `color` makes the region translucent.
     """
 
     color: Float[np.ndarray, "4 3"]
@@ -31,7 +31,7 @@ class Paint(NamedTuple):
 
     @property
     def is_opaque(self) -> bool:
-        """Whether nothing behind the region shows through anywhere."""
+        """Whether alpha is known to be 1 everywhere. False if `has_alpha` is true."""
         return not self.has_alpha and bool((self.color[3] == (0.0, 0.0, 1.0)).all())
 
     @property
@@ -109,10 +109,10 @@ def composite_paints(
 ) -> tuple[Paint, bool]:
     """Composite one paint over another, for a region whose vertices are `points`, in pixels.
 
-    Returns the paint, and whether it is exact everywhere. It is exact if both paints have a
-    constant alpha and neither has a texture. If an alpha varies, the result interpolates the exact
-    colours at three of the points, and extrapolates them elsewhere; it is `front` alone if the
-    points span no area. If either paint has a texture, the result is `front` alone too.
+    Returns the composited paint, and whether it is exact everywhere: True if both paints have a
+    constant alpha and neither has a texture. If an alpha varies, the composited paint interpolates
+    the exact colours at three of the points, and extrapolates them elsewhere; it is `front` alone
+    if the points span hardly any area. It is `front` alone, too, if either paint has a texture.
     """
     if front.texture >= 0 or back.texture >= 0:
         # A texture has one colour per texel, which no other paint can have.

@@ -41,8 +41,8 @@ class Placement(NamedTuple):
         - `points`: `[n, 2]`, vertices in pixels.
         - `margin`: how far the shape may reach beyond its vertices, in pixels.
 
-        The bounding box of the vertices, enlarged by `margin`, is tested against the clip, so the
-        result may be True for a shape that is not cut. It is False if there is no clip.
+        False if there is no clip, or if the clip covers the bounding box of the vertices, enlarged
+        by `margin`. The result may be True for a shape that is not cut.
         """
         if self.clip is None:
             return False

@@ -143,7 +143,7 @@ class _Call(NamedTuple):
 class Layer:
     """The sink that collects the shapes of a group, which `finish` composites.
 
-    `budget` is charged for the regions that compositing makes.
+    `budget` is charged for the work of `finish`.
     """
 
     def __init__(self, budget: Budget):
@@ -169,7 +169,10 @@ class Layer:
         )
 
     def add_strokes(self, outlines: list[Outline], map3: np.ndarray, color: Rgba) -> None:
-        """Collect the strokes of a path; the arguments are as for `Sink.add_strokes`."""
+        """Collect the strokes of a path; the arguments are as for `Sink.add_strokes`.
+
+        Raises `ValueError` for points that `map3` sends to infinity or beyond (w <= 0).
+        """
         widest = max(outlines, key=lambda outline: outline.width)
         reach = widest.width / 2 * widest.scale * max(widest.miterlimit, 1.5)
         points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
@@ -232,7 +235,8 @@ class Layer:
         A shape whose bounding box meets no other is passed on unchanged but for its alpha. Shapes
         may be passed on in another order if they do not overlap. Returns whether the colours are
         exact everywhere; they may not be where translucent shapes overlap. Raises `ValueError` for
-        coordinates that are not finite, and for work beyond the budget.
+        coordinates that are not finite, unless a single shape was collected, and for work beyond
+        the budget.
         """
         if not self._calls:
             return True
@@ -257,7 +261,7 @@ class Layer:
         """For each shape `[shapes]`, whether its bounding box meets that of no other shape.
 
         Shapes from the same call of `add_items` do not count, since they do not overlap. Raises
-        `ValueError` if one of several bounding boxes is not finite.
+        `ValueError` if one of several bounding boxes is not finite, and for work beyond the budget.
         """
         if len(self._calls) == 1:
             return np.ones(1, bool)
@@ -285,7 +289,8 @@ def stroked(outlines: list[Outline], map3: np.ndarray, budget: Budget) -> Any:
     """The shapely region, in pixels, that the strokes of a path cover; it may be empty.
 
     `map3` is the homogeneous map `[3, 3]` from the units of the outlines to pixels. Raises
-    `ValueError` for a coordinate that is not finite in float32, and for work beyond the budget.
+    `ValueError` for a corner that it sends to infinity or beyond (w <= 0), for a coordinate that is
+    not finite in float32, and for work beyond the budget.
     """
     corners, _ = stroke(outlines, budget)
     if len(corners) == 0:
@@ -301,7 +306,7 @@ def triangle_items(corners: np.ndarray, colors: np.ndarray) -> list[Item]:
     """Make an item of a triangle with a colour for each corner; returns it in a list.
 
     `corners` `[3, 2]` are in pixels, and `colors` `[3, 4]` are sRGB with straight alpha. Returns an
-    empty list for a triangle without area.
+    empty list for a triangle with hardly any area (`corner_paint`).
     """
     paint = corner_paint(corners, colors)
     return [] if paint is None else [Item(shapely.Polygon(corners), paint)]
@@ -312,7 +317,7 @@ def textured_items(textured: Textured) -> list[Item]:
 
     The map to texture coordinates is affine. It is computed from the first three vertices, so that
     the texture coordinates of others do not matter. Returns an empty list if the first three
-    vertices span no area.
+    vertices span hardly any area, less than 5e-13 square pixels.
     """
     points = textured.points
     matrix = np.column_stack([points[:3], np.ones(3)])

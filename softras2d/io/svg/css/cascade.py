@@ -102,9 +102,9 @@ class Cascade:
         """Add the rules of a `<style>` element, if it is CSS and its media queries match.
 
         Call it in document order: of rules whose selectors have the same specificity, the one added
-        last has the highest rank. Rules that are invalid or not supported are noted and left out.
-        Raises `ValueError` for more than `_MAX_SELECTORS` selectors in all style sheets of the
-        document.
+        last has the highest rank. Rules that are invalid, or not supported although they may change
+        the image, are noted and left out. Raises `ValueError` for more than `_MAX_SELECTORS`
+        selectors in all style sheets of the document.
         """
         content_type = element.attrib.get("type", "text/css").strip().lower() or "text/css"
         if content_type != "text/css":
@@ -127,7 +127,8 @@ class Cascade:
     def _add_rules(self, rules: list[Any], element: Element) -> None:
         """Add rules that tinycss2 has parsed, including those in `@media` blocks that match.
 
-        `element` is the `<style>` element, which notices name.
+        Other rules are left out, and noted unless they change nothing that is drawn. `element` is
+        the `<style>` element, which notices name. Raises `ValueError` for too many selectors.
         """
         for rule in rules:
             if rule.type == "qualified-rule":
@@ -209,7 +210,10 @@ class Cascade:
         return _merge(blocks, element)
 
     def _style_attribute(self, text: str, element: Element) -> tuple[_Block, _Block]:
-        """Parse the attribute `style`; returns its important and its normal declarations."""
+        """Parse the attribute `style`; returns its important and its normal declarations.
+
+        Errors are noted as by `_parse_block`.
+        """
         if not set("\"'\\{}[]@/(!") & set(text):
             # This common form is split here, which takes a tenth of the parser's time.
             split_texts = [
@@ -229,7 +233,8 @@ class Cascade:
         - `content`: the tokens in the body of a rule, or the text of an attribute `style`.
         - `attribute`: name that notices give to the block, `"rule"` or `"style"`.
 
-        What is invalid or not supported is noted as a fault of `element`, and left out.
+        What is no declaration is noted as a fault of `element`, and left out; so is a text as a
+        whole whose brackets are nested deeper than `_MAX_NESTING`. Values are not judged.
         """
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"
@@ -304,7 +309,8 @@ class _ChargedMatcher(cssselect2.Matcher):
     def add_relevant_selectors(self, element: Element, selectors: list, relevant: list) -> None:
         """Append to `relevant` those of `selectors` that match an element.
 
-        `selectors` are tuples, whose last item is a `_Rule`. `cssselect2.Matcher.match` calls this
+        `selectors` are tuples, whose first item is the test of a selector and whose last item is
+        its `_Rule`; they are appended without the test. `cssselect2.Matcher.match` calls this
         method. Raises `BudgetError`, before any test, if the tests exceed the budget.
         """
         if not selectors:

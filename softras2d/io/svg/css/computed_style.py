@@ -56,8 +56,9 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     """Compute the style of an element from its declarations and the style of its parent.
 
     - `viewport`: sizes to which lengths and percentages are relative.
-    - `note`: called for each invalid declaration that no valid one outranks, and for each property
-      in `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` whose value would change the image.
+    - `note`: called for each invalid declaration that no valid one of the same property outranks
+      (of `font`, only for the value of highest rank in CSS), and for values of properties in
+      `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` that may change the image.
 
     An invalid declaration has no effect: the declaration of the next lower rank is used instead.
     Without a valid declaration, a property has its parent's value if it is inherited, and its
@@ -97,9 +98,10 @@ _FIELDS = {name.replace("_", "-"): name for name in Style._fields} | {
 
 
 def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
-    """Whether a declaration changes the image in browsers, but has no effect in this reader.
+    """Whether a declaration may change the image in browsers, but has no effect in this reader.
 
-    - `name`, `value`: the property and the text of its value.
+    - `name`, `value`: the property and the text of its value. Values are harmless only if they are
+      spelled as in the tables.
     - `is_css`: whether the declaration is in CSS, rather than an attribute of the element. The
       properties of `_UNSUPPORTED_IN_CSS` have an effect in CSS alone.
     """
@@ -137,8 +139,9 @@ def _value(
     - `font_size`: font size of the element in user units, to which `em` is relative.
 
     `inherit` gives the value of the parent, and `initial` the initial value. `unset`, `revert` and
-    `revert-layer` give the former for an inherited property, and the latter for any other. Raises
-    `ValueError` for text that is no value of the property.
+    `revert-layer` give the former for an inherited property, and the latter for any other. In
+    `background`, they are like other words without a colour. Raises `ValueError` for a length that
+    lacks its unit (`_WITH_UNITS`), and for text that the parser in `PARSERS` refuses.
     """
     text = declaration.text.strip()
     if declaration.name in _WITH_UNITS and declaration.is_css:
@@ -159,10 +162,10 @@ def _value(
 def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
     """The font size of an element, in user units.
 
-    The properties `font-size` and `font` both set it. Of their valid values, the one of higher rank
-    counts; of `font`, only the value of highest rank in CSS is considered. Without a valid value of
-    either, the result is the parent's font size. Invalid values are not noted here, since
-    `computed` notes them.
+    The properties `font-size` and `font` both set it. The one that has the declaration of highest
+    rank counts, or the other if it has no valid value; of `font`, only the value of highest rank in
+    CSS is considered. Without a valid value of either, the result is the parent's font size.
+    Invalid values are not noted here, since `computed` notes them.
     """
     size = parent.font_size
     # The properties in `css` are in the order in which they take effect.

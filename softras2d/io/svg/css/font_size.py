@@ -30,7 +30,8 @@ def font_size_of(text: str, parent_size: float, viewport: Viewport) -> float:
 
     - `text`: a keyword, length or percentage, without blanks around it. A number without a unit is
       in user units.
-    - `parent_size`: font size of the parent in user units, for `em`, `%`, `larger` and `smaller`.
+    - `parent_size`: font size of the parent in user units, for `%`, `larger`, `smaller`, and units
+      such as `em`.
     - `viewport`: sizes to which units such as `vw` and `rem` are relative.
 
     Raises `ValueError` for any other text, and for a negative size.
@@ -50,7 +51,7 @@ def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float |
 
     `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`
     that is a font size. If the word has a `/`, what follows it is the line height, and is ignored.
-    Numbers other than 0 are skipped: they are weights, as sizes have units in CSS. The keywords
+    Numbers other than `0` are skipped: they are weights, as sizes have units in CSS. The keywords
     `inherit` and `unset` give `parent_size`, and the others of `_FONTS_WITHOUT_SIZE` give `MEDIUM`.
     Returns None if the first 16 words have no size, which makes the value invalid.
     """

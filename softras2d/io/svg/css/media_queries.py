@@ -50,9 +50,9 @@ def matches(text: str, height: int, width: int) -> bool | None:
     - `text`: list of media queries, separated by commas; an empty list matches.
     - `height`, `width`: size of the canvas in pixels, which count as CSS px.
 
-    A query with an error does not match. Returns None if no query is known to match, and one has a
-    feature or value that this module does not know. Returns None too if brackets are nested too
-    deeply.
+    A query with an error does not match, unless `not` negates the error. Returns None if no query
+    is known to match, and the value of one is unknown. Returns None too if brackets are nested too
+    deeply. Raises `ValueError` for an integer of more digits than Python converts.
     """
     if nesting(text) > _MAX_NESTING:
         return None
@@ -75,8 +75,9 @@ def matches(text: str, height: int, width: int) -> bool | None:
 def _query(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of one media query, given its tokens: True, False, or None for unknown.
 
-    A query is a medium, a medium with conditions, or conditions alone. A query with an error is
-    False. `height` and `width` are the size of the canvas in pixels.
+    A query is a medium, a medium with conditions, or conditions alone. A query of any other form is
+    False, and so are malformed conditions, before `not` is applied. `height` and `width` are the
+    size of the canvas in pixels.
     """
     words = [token.value if token.type == "ident" else "" for token in tokens]
     is_negated = words[:1] == ["not"] and len(words) > 1 and words[1] != ""
@@ -155,12 +156,13 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
 def _compared(sizes: dict[str, float], name: str, comparison: str, text: str) -> bool | None:
     """Compare a size of the canvas with the length or ratio in `text`; 1 `em` or `rem` is 16 px.
 
-    - `sizes`: height and width of the canvas in pixels, and their ratio, by the name of the
-      feature.
+    - `sizes`: height and width of the canvas in pixels, and the ratio of width to height, by the
+      name of the feature.
     - `name`: name of the feature, without `min-` and `max-`.
     - `comparison`: key of `_COMPARISONS`, whose left operand is the size of the canvas.
 
-    Returns None for a feature that is not in `sizes`, and for text that cannot be parsed.
+    Returns None for a feature that is not in `sizes`, and for text that cannot be parsed or divides
+    by 0.
     """
     if name not in sizes:
         return None

@@ -1,6 +1,6 @@
 """Parses the values of CSS properties.
 
-`PARSERS` has one parser for each property.
+`PARSERS` has one parser for each field of `Style`.
 """
 
 import contextlib
@@ -168,8 +168,9 @@ def _dasharray(text: str, _: Style, viewport: Viewport, font_size: float) -> tup
     """Parse `stroke-dasharray`; returns the lengths of dashes and gaps in turn, in user units.
 
     An odd number of lengths is repeated once, so the result has an even number. It is empty for a
-    solid line: for `none`, and if all lengths are 0. Percentages are relative to
-    `viewport.diagonal`. Raises `ValueError` for a negative length, and for any other text.
+    solid line: for `none`, for text without lengths, and if all lengths are 0. Percentages are
+    relative to `viewport.diagonal`. Raises `ValueError` for a negative length, and for any other
+    text.
     """
     if text.lower() == "none":
         return ()
@@ -192,8 +193,8 @@ def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> fl
 def _paint_order(text: str, *_: object) -> tuple[str, ...]:
     """Parse `paint-order`; returns `"fill"` and `"stroke"` in the order of painting.
 
-    The one that the text does not name comes last. `markers` is accepted, but left out. Raises
-    `ValueError` for words that are repeated or not known.
+    What the text does not name comes last, `"fill"` first. `normal` alone names neither. `markers`
+    is accepted, but left out. Raises `ValueError` for words that are repeated or not known.
     """
     words = text.lower().split()
     if words == ["normal"]:
@@ -206,7 +207,7 @@ def _paint_order(text: str, *_: object) -> tuple[str, ...]:
 
 
 def _font_size(text: str, parent: Style, viewport: Viewport, _: float) -> float:
-    """Parse `font-size`; returns it in user units. Raises `ValueError` for any other text."""
+    """Parse `font-size`; returns it in user units. Raises `ValueError` as `font_size_of` does."""
     return font_size_of(text, parent.font_size, viewport)
 
 
@@ -263,5 +264,6 @@ PARSERS: dict[str, Callable[..., Any]] = {
 
 Its arguments are the text of the value without blanks around it, the style of the parent, the
 viewport, and the font size of the element in user units. It raises `ValueError` for text that is no
-value of the property. Keywords that every property accepts, such as `inherit`, are not parsed here.
+value of the property, but `clip_path` and `transform_origin` accept any text. Keywords that every
+property accepts, such as `inherit`, are not parsed here.
 """

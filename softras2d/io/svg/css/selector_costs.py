@@ -66,7 +66,10 @@ class Cost(NamedTuple):
 
 
 def max_tests(cost: Cost, depth: int, siblings: int) -> int:
-    """Upper bound on the number of compounds that are tested to test one selector on an element.
+    """Upper bound on the tests that are charged for one selector on one element.
+
+    Each choice of ancestors and siblings that may be tried counts as one test, and as one for each
+    sibling that a pseudo-class may examine for it. Combinators `>` and `+` leave no choice.
 
     - `cost`: properties of the selector.
     - `depth`: number of ancestors of the element.
@@ -112,8 +115,8 @@ def split_selectors(prelude: list[Any]) -> list[list[Any]]:
 def selector_cost(tokens: list[Any]) -> Cost | None:
     """The cost of one selector, given its tokens, as tinycss2 makes them.
 
-    Returns None for a pseudo-class that is not supported, or a function inside of a function. A
-    pseudo-element, of any name, costs nothing.
+    Returns None for a pseudo-class or function that is not supported, or a function inside of a
+    function. A pseudo-element that is no function costs nothing, whatever its name.
     """
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]

@@ -11,7 +11,7 @@ BLACK: Rgba = (0.0, 0.0, 0.0, 1.0)
 class PaintServer(NamedTuple):
     """A paint that refers to a gradient or pattern, as in `url(#id) red`.
 
-    - `reference`: the text between the parentheses, such as `#id`.
+    - `reference`: the text between the parentheses, such as `#id`, without quotes.
     - `fallback`: the paint after the reference, which is used if the reference leads to no gradient
       that can be applied: a colour, `CURRENT` for `currentColor`, or None for `none`. False if no
       fallback is given.
