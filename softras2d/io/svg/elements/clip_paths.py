@@ -22,7 +22,7 @@ from .user_space_bounds import bounds_of, map_of_element
 from .view_box import Box
 
 _MAX_NESTING = 32
-"""Maximum number of clip paths in a chain, each of which clips the clip path before it."""
+"""Maximum number of clip paths in a chain, each of which clips the one before or a child of it."""
 
 
 class ClipPaths:
@@ -154,9 +154,10 @@ class ClipPaths:
         - `map3`: homogeneous map `[3, 3]` from the user units of the `clipPath` to pixels.
         - `chain`: as in `_declared_region`.
 
-        Returns None for other elements, and for those that are not displayed, are not visible or
-        have no area. The region is clipped by the property `clip-path` of the child, and by that of
-        the shape to which a `use` refers.
+        Returns None for other elements, and for those that are not displayed or not visible, or
+        whose conditions do not hold. A shape without area gives None or an empty region. The region
+        is clipped by the property `clip-path` of the child, and by that of the shape to which a
+        `use` refers.
         """
         page = self._page
         page.budget.charge("copies", 1)
@@ -205,7 +206,8 @@ class ClipPaths:
         """The inside of a shape by its `clip-rule`, in pixels; None or empty if it has no area.
 
         `lengths` reads the shape's attributes, and `map3` maps its user units to pixels. Raises
-        `ValueError` for a coordinate that is not finite.
+        `ValueError` for a coordinate that is not finite or is mapped to infinity or beyond
+        (w <= 0), and for work beyond the budget.
         """
         page = self._page
         report_animations(page, shape)

@@ -33,7 +33,7 @@ class Context:
     - `height`, `width`: size of the canvas in pixels.
     - `transform`: the caller's homogeneous map `[3, 3]` from the root's user units to pixels, which
       replaces the fit of the drawing into the canvas; None for that of the dialect.
-    - `opacity`: whether opacities and alpha are applied; if not, everything is opaque.
+    - `opacity`: whether opacities and alpha are applied; if not, all that is drawn is opaque.
     - `frame`: whether the course's outline of the drawing is drawn, in dialect `course`.
     - `fit`: text that replaces the root's `preserveAspectRatio`; None to use the root's.
     - `assets`: the image files that may be read.
@@ -67,9 +67,10 @@ class Context:
         self.assets.declare(attributes.get("texid", ""), attributes.get("filename", ""))
 
     def warning(self) -> str | None:
-        """One line that names what was not drawn or had no effect in dialect `course`, with counts.
+        """One line that names the faults in a document of dialect `course`, with counts.
 
-        Returns None if there is nothing to name.
+        Faults are what was not drawn, had no effect, or was drawn approximately. Returns None if
+        there is nothing to name.
         """
         causes = []
         if self.unsupported_elements:

@@ -118,8 +118,8 @@ def transform_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `transform`; returns its homogeneous matrix, in user units.
 
     The matrix maps columns (x, y, 1). `units` are the sizes to which lengths are relative. Empty
-    text, `none`, `initial` and `unset` give the identity. Raises `ValueError` for invalid text, and
-    for functions in three dimensions.
+    text, `none`, `initial` and `unset` give the identity. Raises `ValueError` for any other text,
+    such as `inherit` or functions in three dimensions.
     """
     product, position = affine_maps.identity(), 0
     text = text.strip()
@@ -146,8 +146,8 @@ def translate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
 def rotate_property(text: str, units: Units) -> Float64[ndarray, "3 3"]:
     """Parse the CSS property `rotate`, whose axis must be z or not given.
 
-    Factors are numbers or percentages, separated by blanks; a third one, for z, is an error. The
-    result and errors are as for `translate_property`.
+    The text is an angle, and may have the letter `z` before or after it. The result and errors are
+    as for `translate_property`.
     """
     words = text.lower().split()
     if len(words) == 2 and "z" in words:

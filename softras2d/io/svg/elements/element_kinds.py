@@ -69,10 +69,10 @@ def report_animations(page: Page, element: Element) -> None:
 
 
 def drawn_children_of_switch(element: Element) -> list[Element]:
-    """The child of a `switch` that is chosen: the first graphics element whose conditions hold.
+    """The child of a `switch` that is chosen, in a list; an empty list if there is none.
 
-    It is returned in a list, which is empty if there is no such child. The child may be of a kind
-    that browsers draw but this reader does not, such as `text`.
+    It is the first child whose conditions hold, among elements that are drawn and those in
+    `NOT_SUPPORTED`, such as `text` and animations.
     """
     for child in element.children:
         if child.name in _GRAPHICS and meets_conditions(child):

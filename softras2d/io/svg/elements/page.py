@@ -87,7 +87,8 @@ class Page:
     def computed(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of an element, given its parent's style and the declarations that apply to it.
 
-        Its lengths are relative to `viewport`. Invalid declarations are noted.
+        Its lengths are relative to `viewport`. Declarations that are invalid or not supported are
+        noted.
         """
         return computed(declared, parent, self.viewport, self.report(element))
 
@@ -101,7 +102,7 @@ class Page:
         """The style of an element, like `computed`; None if its `display` is `none`.
 
         Nothing is noted about an element that is not displayed, since it cannot change the image,
-        nor about the CSS properties that are named in `ineffective`.
+        nor about the properties that are named in `ineffective`.
         """
         notices: list[tuple[str, str, str]] = []
         style = computed(declared, parent, self.viewport, lambda *notice: notices.append(notice))
@@ -115,8 +116,8 @@ class Page:
     def clip_child_style(self, element: Element, parent: Style, declared: Declarations) -> Style:
         """The style of a child of a clip path, like `computed`.
 
-        Properties that are not supported, such as filters and masks, are not noted: they have no
-        effect in clip paths.
+        Properties and values that are not supported are not noted: most, such as filters and masks,
+        have no effect in clip paths.
         """
         return computed(declared, parent, self.viewport, Report(self, element, (WITHOUT_EFFECT,)))
 
@@ -162,7 +163,7 @@ def cascade_of(
     - `budget`: limits the work of testing selectors.
     - `size`: height and width of the canvas in pixels, for media queries.
 
-    Raises `SvgError` for style sheets with too many selectors.
+    Raises `SvgError` for style sheets with too many selectors or values too extreme to be parsed.
     """
     cascade = Cascade(notices, budget, *size)
     for element in elements(root):

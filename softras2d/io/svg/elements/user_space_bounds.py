@@ -60,7 +60,7 @@ class _Visit(NamedTuple):
     - `style`: computed style of the visited element.
     - `viewport`: sizes to which its lengths are relative.
     - `use`: the `use` whose target it is; None for an element that no `use` refers to.
-    - `uses`: number of `use` elements between the outer element and the visited one.
+    - `uses`: number of `use` elements that lead from the outer element to the visited one.
     """
 
     element: Element
@@ -77,7 +77,8 @@ def bounds_of(
     """The bounding box of an element's shapes and images, in the element's user units.
 
     Strokes do not count. A shape counts even if it has no fill or is not visible, but not if its
-    `display` is `none`. A `colortri` or `textri` does not count.
+    `display` is `none`. A `colortri` or `textri` does not count. A side of an image that is missing
+    or `auto` counts as 0.
 
     - `element`: the element, which may be a group.
     - `style`: computed style of the element.
@@ -113,10 +114,11 @@ def bounds_of(
 
 
 def _visits_of_children(page: Page, visit: _Visit, nesting: int) -> Iterator[_Visit]:
-    """The visits of the children of a container that are drawn; for a `use`, of its target.
+    """The visits of the children of a container; for a `use`, of its target.
 
-    Children whose conditions do not hold or whose `display` is `none` are left out. `nesting` is as
-    for `bounds_of`. Sets `page.viewport` to the viewport of the children.
+    Children whose conditions do not hold or whose `display` is `none` are left out, and so are all
+    but the chosen child of a `switch`, and a `symbol` to which no `use` refers. `nesting` is as for
+    `bounds_of`. Sets `page.viewport` to the viewport of the children.
     """
     element, map3, style, viewport, use, uses = visit
     declared, children = page.declared(element), element.children

@@ -54,7 +54,7 @@ def course_size(attributes: dict[str, str]) -> tuple[float, float] | None:
     """The (height, width) of a document by the course's rules, from the attributes of its root.
 
     Units are ignored, and a missing side is 0. Returns None if neither side is positive. Raises
-    `ValueError` for an attribute that does not begin with a number.
+    `ValueError` for an attribute that does not begin with a number that is finite in float32.
     """
     size = leading_float(attributes.get("height")), leading_float(attributes.get("width"))
     return size if max(size) > 0 else None
@@ -104,7 +104,8 @@ def _side(
 
     - `name`: `width` or `height`.
     - `full`: length of 100 %, in px; None without a viewBox. `auto` and percentages are then
-      skipped, and the declaration of the next lower rank is used.
+      skipped, and the declaration of the next lower rank is used. `initial` and `unset` mean
+      `auto`.
     - `font_size`, `note`: as in `document_size`.
 
     Returns None if the side is missing, `auto` or 100 %, or if no declaration is valid.
@@ -134,7 +135,7 @@ def _side(
 def round_up(size: tuple[float, float]) -> tuple[int, int]:
     """Round a (height, width) up to whole pixels, at least 1 each.
 
-    Less than 1e-6 above a whole number is rounded down.
+    Less than 1e-6 above a whole number is rounded down, and sides above 1e15 are cut to it first.
     """
     # Units such as mm give sizes that exceed a whole number by a rounding error.
     height, width = (max(1, math.ceil(min(side, 1e15) - 1e-6)) for side in size)
@@ -148,7 +149,8 @@ def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.n
     - `height`, `width`: size of the viewport, in the units to which the map leads.
     - `aspect`: text of the attribute `preserveAspectRatio`; empty for the default, `xMidYMid meet`.
 
-    Raises `ValueError` for an `aspect` that is no value of this attribute.
+    Raises `ValueError` for an `aspect` that is no value of this attribute. After `none`, a second
+    word is ignored.
 
     **Source:** SVG 2, section 8.2 (*equivalent transform of an SVG viewport*).
     """

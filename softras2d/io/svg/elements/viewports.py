@@ -24,7 +24,7 @@ class RootViewport(NamedTuple):
     """How the root of a document is fitted into the canvas.
 
     - `map3`: homogeneous map `[3, 3]` from the root's user units to pixels of the canvas. Zero if
-      nothing is drawn, since the viewBox has no area.
+      nothing is drawn, since the viewBox has no area and the caller gave no map.
     - `box`: the viewBox of the root. If it has no valid one, a box at (0, 0) of the document's
       size, or of the canvas's if the document gives no size.
     - `viewport`: sizes to which lengths of the root's children are relative.
@@ -38,8 +38,9 @@ class RootViewport(NamedTuple):
 def root_viewport(page: Page) -> RootViewport:
     """Fit the viewBox of the root into the canvas, or use the map that the caller gave.
 
-    The caller's map is `page.context.transform`. Faults of the root's attributes are noted. Sets
-    `page.viewport` to the size of the document.
+    The caller's map is `page.context.transform`. In both cases, the root's own transform is
+    applied. Faults of the root's attributes are noted. Sets `page.viewport` to the size of the
+    document, or to that of the canvas if the document gives none.
     """
     context, root = page.context, page.root
     canvas, box = (float(context.height), float(context.width)), None
@@ -73,10 +74,10 @@ def root_viewport(page: Page) -> RootViewport:
 def _root_transform(page: Page, declared: Declarations, height: float, width: float) -> np.ndarray:
     """The map of the root's transform, `[3, 3]`, from px of the document to px of the document.
 
-    `height` and `width` are the document's size in px. Unlike the transforms of other elements, the
-    root's is applied to the drawing after the map of its viewBox. By default it is about the
-    centre, like the transform of a CSS box. Without a transform, the result is the identity. Sets
-    `page.viewport` to the size of the document.
+    `height` and `width` are the document's size in px, or the canvas's if it gives none. Unlike the
+    transforms of other elements, the root's is applied to the drawing after the map of its viewBox.
+    By default it is about the centre, like the transform of a CSS box. Without a transform, the
+    result is the identity. Sets `page.viewport` to this size.
 
     **Source:** SVG 2, section 8.4 and appendix *User agent style sheet*.
     """
@@ -109,11 +110,12 @@ def nested_viewport(
     """The viewport of a nested `svg`, or of an instance of a `symbol` or `svg`.
 
     - `declared`, `style`: declarations and computed style of the element.
-    - `use`: the `use` that draws the instance, whose `width` and `height` replace the element's;
-      None for an `svg` that is drawn where it stands.
+    - `use`: the `use` that draws the instance, whose `width` and `height`, if given, replace the
+      element's; None for an `svg` that is drawn where it stands.
 
-    The element's own lengths are relative to `page.viewport`, whose size replaces a missing `width`
-    or `height`. Returns None if the viewport or the viewBox has no area, so that nothing is drawn.
+    The lengths of both are relative to `page.viewport`, whose size replaces a `width` or `height`
+    that is missing or invalid. Returns None if the viewport or the viewBox has no area, so that
+    nothing is drawn.
 
     **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
     equivalent transform of an SVG viewport*).
