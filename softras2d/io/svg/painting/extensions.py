@@ -35,14 +35,15 @@ def draw_extension(
 ) -> None:
     """Draw an `image`, a `colortri` or a `textri`.
 
-    - `lengths`: reads the element's attributes.
+    - `lengths`: reads the attributes of an `image`.
     - `placement`: map to pixels, clip, and sink of the result.
     - `style`: computed style of the element.
     - `opacity`: the element's `opacity`, in 0..1. For a `colortri` or `textri`, it is multiplied by
       `fill-opacity`. If the reader does not apply opacities, both are ignored.
 
     The caller tests `visibility`. Raises `ValueError` for an invalid attribute of a `colortri` or
-    `textri`. An image that cannot be read is left out and noted.
+    `textri`, for a corner that the map sends to infinity or beyond (w <= 0), and for work beyond
+    the budget. An image that cannot be read is left out and noted.
     """
     if element.name == "image":
         # `fill-opacity` does not apply to images.
@@ -55,7 +56,7 @@ def _draw_triangle(page: Page, element: Element, placement: Placement, opacity: 
     """Draw a `colortri`, with a colour for each corner, or a `textri`, with a texture.
 
     `opacity` is a factor of the alpha, in 0..1. Everything is opaque if the reader does not apply
-    opacities. Raises `ValueError` for an invalid attribute.
+    opacities. Errors are as for `draw_extension`.
     """
     attributes = element.attrib
     points = _numbers(attributes, "points", 6).reshape(3, 2)
@@ -85,9 +86,9 @@ def _draw_image(
     """Draw an `image` as a rectangle with a texture (SVG 2, section 12.3).
 
     `opacity` is a factor of the texture's alpha, in 0..1. A side that is missing or `auto` follows
-    from the other side, or from the picture, whose pixels count as user units. An image that cannot
-    be read and a negative side are noted. Such an image is not drawn, and neither is one without
-    width or height.
+    from the other side, or from the picture, whose pixels count as user units. An image without
+    `href`, one that cannot be read, and a negative side are noted. Such an image is not drawn, and
+    neither is one with a side of 0.
     """
     href = element.attrib.get("href")
     if href is None:
@@ -142,8 +143,8 @@ def _add_textured(
     """Add a convex polygon with a texture to the sink of a placement, clipped to its clip.
 
     - `points`, `uv`: vertices in pixels, and their texture coordinates (u right, v down, 0..1
-      across the texture). If the polygon is clipped, those of the first three vertices determine
-      the rest.
+      across the texture). If the clip may cut the polygon, those of the first three vertices
+      determine the rest, and a polygon whose first three vertices span no area is not drawn.
     - `texture`: index in `Assets.textures`.
     - `opacity`: factor of the texture's alpha, in 0..1, which counts as 1 if the reader does not
       apply opacities.

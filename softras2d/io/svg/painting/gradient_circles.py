@@ -100,8 +100,8 @@ class Cone(NamedTuple):
         """The position of the apex, and that of a circle that all rays meet beyond all `points`.
 
         Both are positions along the gradient. They bound the circles that are needed to paint the
-        convex hull of `points`, which are in the gradient's units. Beyond means farther from the
-        apex.
+        convex hull of `points`, which are in the gradient's units. Beyond means at least as far
+        from the apex.
         """
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)

@@ -18,6 +18,8 @@ from ..canvas.paint import Paint, Stop, constant_paint, linear_paint
 BORDER_SHIFT = 2.0**-14 * 0.618
 """Amount by which borders between pieces are moved to larger positions along the gradient.
 
+Positions are 0 at the gradient's start and 1 at its end.
+
 Samples lie at simple fractions, and so do most stops. Moving the borders keeps samples off them: a
 sample on a border would be blended by both pieces if they are translucent.
 """

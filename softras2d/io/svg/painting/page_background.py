@@ -18,7 +18,8 @@ def paint_root_background(page: Page, style: Style, canvas: Sink) -> None:
 
     `style` is the computed style of the root. An opaque colour becomes the background of the scene,
     `page.context.background`. A translucent one is added to the sink `canvas` as a shape that
-    covers all pixels, and one of alpha 0 has no effect. Background images and gradients are noted.
+    covers all pixels; it counts as opaque if the reader does not apply opacities. One of alpha 0
+    has no effect. Background images and gradients are noted.
     """
     context, css = page.context, page.declared(page.root).css
     for name in ("background", "background-image"):
@@ -46,8 +47,9 @@ def becomes_background(
     - `box`: viewBox of the root, in its user units.
 
     The rect must equal `box`, and have sharp corners, a constant colour and no stroke. It must also
-    cover the canvas, on which the viewBox may leave margins. It must not be clipped or in a group
-    with opacity. The caller tests its `opacity` and `visibility`. Returns whether the rect has
+    cover the canvas, on which the viewBox may leave margins, as an upright rectangle. It must not
+    be cut by a clip or in a group with opacity, and no background may have been set before. The
+    caller tests its `opacity` and `visibility`. Returns whether the rect has
     become the background, `page.context.background`, so that it need not be drawn.
     """
     context = page.context

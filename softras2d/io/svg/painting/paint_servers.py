@@ -29,7 +29,7 @@ _TOUCHING = 1e-3
 """Distance below which two circles count as touching, as a fraction of the end circle's radius."""
 
 _MAX_TEMPLATES = 1000
-"""Maximum number of gradients in a chain, each of which refers to the next."""
+"""Maximum number of references that are followed from one gradient to the next."""
 
 
 def gradient_fill(
@@ -42,11 +42,12 @@ def gradient_fill(
     - `opacity`: factor of the alpha of all colours, in 0..1; ignored if the reader does not apply
       opacities.
 
-    Returns a colour if the gradient has a single stop, or a line or radius of length 0. Returns
-    None if it paints nothing: without stops, if this colour is fully transparent, if both circles
-    are equal, or if its map has no inverse. Returns False if the gradient is relative to a box
-    without area; the caller then paints the fallback of the reference. Raises `ValueError` for a
-    map in perspective.
+    Returns a colour if the gradient has a single stop, a radius of 0, or a line whose length is 0
+    or infinite. Returns None if it paints nothing: without stops, if this colour is fully
+    transparent, if both circles are equal, or if its map is not finite or all but singular. If a
+    gradient of several stops is relative to a box without area, returns False; the caller then
+    paints the fallback of the reference. Raises `ValueError` for several stops under a map in
+    perspective.
 
     **Source:** SVG 2, section 14.2.
     """
@@ -76,7 +77,7 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
     """A gradient, followed by the gradient to which it refers, and so on.
 
     A reference to something else, or to a gradient that is in the chain already, is noted and ends
-    the chain. So does a reference from a chain longer than `_MAX_TEMPLATES`.
+    the chain, and so does one more reference than `_MAX_TEMPLATES`.
     """
     chain, visited = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
@@ -248,7 +249,7 @@ def _linear(
     - `in_box`: whether these units are the sides of the shape's bounding box, instead of user
       units.
 
-    Returns None for a line without length if the last stop is fully transparent.
+    Returns None instead of a colour that is fully transparent.
     """
     lengths = _Lengths(page, chain, in_box)
     x1, y1 = lengths.read("x1", "0%"), lengths.read("y1", "0%")

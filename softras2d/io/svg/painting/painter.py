@@ -73,8 +73,9 @@ class Painter:
         - `opacity`: factor of the alpha of fill and stroke, in 0..1.
 
         Nothing is painted unless `visibility` is `visible`. Raises `ValueError` for points that the
-        map sends to infinity or beyond (w <= 0), for a gradient under a map in perspective, and for
-        work beyond the budget.
+        map sends to infinity or beyond (w <= 0), for a gradient under a map in perspective, for a
+        stroke with a clip or gradient whose coordinates are not finite in float32, and for work
+        beyond the budget.
         """
         if style.visibility != "visible":
             return
@@ -208,9 +209,9 @@ class Painter:
         - `closed`: whether each contour is closed.
 
         `element` must have this attribute. The style's pattern and offset are in units in which the
-        complete path is `pathLength` long.
-        They are converted to the units of `contours`. The pattern is empty for a stroke without
-        gaps. An invalid `pathLength` is noted and has no effect.
+        complete path is `pathLength` long. They are converted to the units of `contours`. The
+        pattern is empty for a stroke without gaps: if `pathLength` or the path's length is 0. An
+        invalid `pathLength` is noted and has no effect.
 
         **Source:** SVG 2, section 9.6.1.
         """
@@ -241,7 +242,7 @@ class Painter:
     ) -> None:
         """Clip a region in pixels, divide it if it has a gradient, and add it to the sink.
 
-        - `region`: a shapely (multi)polygon. Nothing is added if the clip leaves no area of it.
+        - `region`: a shapely (multi)polygon. Nothing is added if no area of it is left.
         - `fill`: its colour or gradient.
         - `placement`: has the clip and the sink; the region is not mapped.
         - `source`: index of its shape in `sources`; -1 for none.
@@ -265,9 +266,9 @@ class Painter:
         """Intersect a region with the pieces of a gradient that cover its bounding box.
 
         `pieces` is a list of `Piece`, polygons with paints. Returns one item for each piece that
-        the region overlaps. Pieces that are fully transparent are left out. A single piece covers
-        the whole region, which is not cut. `source` is the index of the region's shape in
-        `sources`; -1 for none.
+        the region overlaps. Pieces that are fully transparent are left out. If there is a single
+        piece, it is taken to cover the whole region, which is not cut. `source` is the index of the
+        region's shape in `sources`; -1 for none.
         """
         is_single = len(pieces) == 1
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]

@@ -35,9 +35,9 @@ def radial_pieces(
       this changes no colour visibly, or if more than 16384 rays would be needed.
 
     Each piece has an affine paint. Pieces do not overlap. They may reach beyond the box, but those
-    that miss it are left out. No piece lies outside the area that the circles of the gradient
-    cover. Raises `ValueError` for a gradient that repeats too often in the box, and for work beyond
-    the budget.
+    whose bounding boxes miss it are left out. No piece lies outside the area that the circles of
+    the gradient cover, which need not be the whole box. Raises `ValueError` for a gradient that
+    repeats too often in the box, and for work beyond the budget.
     """
     x0, y0, x1, y1 = bounds
     box = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -104,7 +104,7 @@ def _sectors(
       changes no colour by more than `_COLOR_ERROR`.
     - `points`: vertices in the gradient's units, whose convex hull is painted.
 
-    The result is in 16..16384.
+    The result is in 16..16384, even if the distance is then larger than allowed.
     """
     stretch = float(np.linalg.norm(gradient.to_pixels[:2, :2], 2))
     allowed = math.inf
@@ -140,7 +140,8 @@ def _ring(
     - `box`: corners `[4, 2]` of the box in pixels.
 
     A piece is a quadrilateral between two neighbouring rays. If the colours differ, it is one of
-    the two triangles of such a quadrilateral, and triangles without area are left out.
+    the two triangles of such a quadrilateral, and triangles with hardly any area are left out
+    (`corner_paint`).
     """
     quads = np.stack(
         [inner_circle[:-1], outer_circle[:-1], outer_circle[1:], inner_circle[1:]], axis=1
