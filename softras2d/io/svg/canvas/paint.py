@@ -20,8 +20,8 @@ class Paint(NamedTuple):
     - `uv`: maps `(x, y, 1)` in pixels to texture coordinates (u right, v down, 0..1 across the
       texture); None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: whether texture and `color` together may be translucent. False without a texture.
-      If it is False, only the alpha of `color` makes the region translucent.
+    - `has_alpha`: False without a texture, and for one that is known to be opaque, so that only the
+      alpha of `color` can make the region translucent.
     """
 
     color: Float[np.ndarray, "4 3"]

@@ -66,10 +66,10 @@ class Cost(NamedTuple):
 
 
 def max_tests(cost: Cost, depth: int, siblings: int) -> int:
-    """Upper bound on the tests that are charged for one selector on one element.
+    """Upper bound on the number of tests that one selector needs on one element.
 
-    Each choice of ancestors and siblings that may be tried counts as one test, and as one for each
-    sibling that a pseudo-class may examine for it. Combinators `>` and `+` leave no choice.
+    A test is one choice of ancestors and siblings for the combinators, or one sibling that a
+    pseudo-class examines. The combinators `>` and `+` leave no choice and do not count.
 
     - `cost`: properties of the selector.
     - `depth`: number of ancestors of the element.
