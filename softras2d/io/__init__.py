@@ -1,1 +1,1 @@
-"""This stage reads and writes images, animations, SVG drawings and compact scene files."""
+"""This stage reads and writes images, SVG drawings and compact scenes, and writes animations."""

@@ -37,19 +37,20 @@ def write_animation(
 ) -> None:
     """Write frames `[height, width, 3]` of equal size as a GIF that repeats endlessly.
 
-    - `frames`: float images in sRGB, clipped to 0..1. They may come from a generator; only two of
-      them are in memory at a time.
+    - `frames`: float images in sRGB, clipped to 0..1. They may come from a generator; only a
+      few of them are in memory at a time.
     - `seconds_per_frame`: time of each frame, at least 0.02, rounded to 1/100 s.
     - `hold_seconds`: additional time of the last frame, rounded to 1/100 s, at least 0. The last
       frame is shown for 655.35 s at most.
 
-    Each frame has a palette of 256 colours. The palette is exact if the frame has no more colours;
-    otherwise colours are reduced without dithering, so that wide smooth gradients show bands. Of
-    each frame, only the rectangle that differs from the frame before is stored.
+    Of each frame, only the smallest rectangle around all pixels that differ from the frame before
+    is stored. It has a palette of 256 colours, which is exact if the rectangle has no more;
+    otherwise colours are reduced without dithering, so that wide smooth gradients show bands.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for another suffix
-    than `.gif`, a folder that does not exist, times that GIF cannot store, no frames, and frames of
-    unequal shape, of another dtype, or with values that are not finite.
+    than `.gif`, a folder that does not exist, times that GIF cannot store, no frames, frames of
+    another or an unequal shape, frames that are not finite floats, and a file that cannot be
+    written.
     """
     path = Path(path)
     if path.suffix.lower() not in ANIMATED:
@@ -90,8 +91,8 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
     """Check frames one by one; yields each as sRGB bytes, `[height, width, 3]`.
 
     Values are clipped to 0..1 and rounded to k/255. Raises `ValueError`, which names `path` and the
-    index of the frame, for a frame that is not a float image, too large for a GIF, or not of the
-    same shape as the first frame; and if there is no frame.
+    index of the frame, for a frame that is not `[height, width, 3]` of finite floats, is empty, is
+    too large for a GIF, or differs in shape from the first frame. Without frames, it names `path`.
     """
     shape = None
     for number, frame in enumerate(frames):
@@ -125,8 +126,9 @@ def _encode_changed_rectangle(
 ) -> bytes:
     """Encode the smallest rectangle that turns `previous` into `image`, as a frame of a GIF.
 
-    The rectangle is the complete image if `previous` is None, and one pixel if both images are
-    equal. `delay` is the time for which the frame is shown, in hundredths of a second.
+    The rectangle is the complete image if `previous` is None, and the pixel at the top left if both
+    images are equal. Its colours are reduced to 256. `delay` is the time for which the frame is
+    shown, in hundredths of a second.
     """
     if previous is None:
         is_changed = np.ones(image.shape[:2], bool)

@@ -2,10 +2,10 @@
 
 A few bytes of a drawing can cause any amount of work: a polygon that crosses itself everywhere, a
 round join of a huge radius, an image of 16384 x 16384 pixels. Each time a document is read, one
-`Budget` is created. Code that does work first charges the budget for it, so that refusing a file
-beyond a limit costs little more than parsing it. Below the limits, time grows about linearly with
-the size of the file, apart from a logarithmic factor. The limits are far above what ordinary
-drawings need, and low enough that reading a drawing takes about a gigabyte of memory at most.
+`Budget` is created. Code that does work first charges the budget for it, so that a file beyond a
+limit is refused before most of the work is done. Work that no limit
+counts takes time about linear in the size of the file, apart from a logarithmic factor. The limits
+are far above what ordinary drawings need.
 """
 
 from collections.abc import Sequence
@@ -42,19 +42,23 @@ The points of a path count when it is flattened, and again when it is filled or 
 """
 
 MAX_TRIANGLES = 2**21
-"""Triangles of the scene. For a translucent stroke, the triangles before `union` are counted."""
+"""Triangles of the scene, and faces into which contours divide polygons.
+
+For a translucent stroke, the triangles before `union` are counted.
+"""
 
 MAX_PAIRS = 2**24
-"""Pairs of edges with overlapping bounding boxes, in all polygons together.
+"""Pairs of edges with overlapping bounding boxes, in all polygons of more than 64 edges together.
 
-Each pair must be examined to detect crossings. A pair of triangles of a translucent stroke takes
-longer and counts twice.
+Each pair must be examined to detect crossings. Pairs of a face and an edge that is examined for its
+winding number count too. A pair of triangles of a translucent stroke takes longer and counts twice.
 """
 
 MAX_CROSSINGS = 100_000
-"""Points in which polygons cross themselves.
+"""Pairs of edges of one polygon that cross or touch, apart from common ends.
 
-The number of faces into which GEOS divides the polygons grows in proportion to it.
+The number of faces into which GEOS divides the polygons grows in proportion to it. For polygons of
+at most 64 edges, the faces beyond their number of edges are counted instead.
 """
 
 MAX_EAR_TESTS = 2**27
@@ -68,10 +72,10 @@ try.
 """
 
 MAX_OVERLAYS = 2**24
-"""Vertices of all regions that are intersected, united or subtracted.
+"""Work on regions that are intersected, united or subtracted, in vertices of an intersection.
 
 Clip paths, gradients, and shapes that overlap in translucent groups need such operations. Each
-operation counts the vertices that it reads.
+operation counts the vertices that it reads, several times if it is costly, and a constant.
 """
 
 MAX_STEPS = 2**26
@@ -109,7 +113,7 @@ _LIMITS = {
 
 
 class BudgetError(ValueError):
-    """Raised for a drawing that needs more work than a limit allows.
+    """Raised for a drawing that needs more work than a limit allows, or an image that is too large.
 
     `index` is the index of the shape whose work exceeds the limit, among the shapes that the caller
     processes together; 0 if the work belongs to no shape. Messages of `Budget.charge` have no
@@ -160,7 +164,7 @@ class Budget:
         - `indices`: indices of the shapes, for errors; by default they are numbered from 0.
 
         If the total, with what has been charged before, exceeds the limit, raises `BudgetError`
-        with the index of the first shape that does not fit.
+        with the index of the first shape at which it does.
         """
         # Counts of hostile files may overflow integers. float64 is precise enough to compare them.
         totals = np.cumsum(counts, dtype=np.float64) + self._charged[kind]

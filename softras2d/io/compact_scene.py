@@ -76,8 +76,9 @@ def write_compact(
 
     Colours are clipped to 0..1 and rounded to 8 bits. The file is written completely or not at all.
     Raises `ValueError`, one line, for a scene with textures, depth or perspective, for a batch of
-    scenes, for invalid values, for positions 2^30 steps or more from the origin, for other
-    arguments out of range, and for a folder that does not exist.
+    scenes, for invalid values, for coordinates of 2^30 steps or more in magnitude, for more than
+    2^24 vertices or triangles, for other arguments out of range, and for a file that cannot be
+    written, such as one in a folder that does not exist.
     """
     path = Path(path)
     check_writable_path(path)
@@ -101,8 +102,9 @@ def write_compact(
 def read_compact(path: str | os.PathLike[str]) -> CompactScene:
     """Read a file that `write_compact` wrote; returns the scene and the size of its canvas.
 
-    Raises `ValueError`, one line, for a file that is missing, damaged, cut short or of another
-    format, and for one of more than 2^24 vertices or triangles.
+    Raises `ValueError`, one line, for a file that is missing, cut short, of another format, damaged
+    or of more than 2^24 vertices or triangles. The header has no checksum, so damage to it is
+    noticed only if the values become invalid.
     """
     path = Path(path)
     if not path.is_file():
@@ -117,8 +119,9 @@ def read_compact(path: str | os.PathLike[str]) -> CompactScene:
 def _encode(scene: Scene, height: int, width: int, steps_per_pixel: int) -> bytes:
     """Make the bytes of a file, as the top of this module describes them.
 
-    The arguments are as for `write_compact`. Raises `ValueError` for positions that are not finite,
-    or 2^30 steps or more from the origin, and for more than `_MAX_COUNT` vertices or triangles.
+    The arguments are as for `write_compact`. Raises `ValueError` for coordinates that are not
+    finite, or 2^30 steps or more in magnitude, and for more than `_MAX_COUNT` vertices or
+    triangles.
     """
     for name, count in (("vertices", len(scene.positions)), ("triangles", len(scene.triangles))):
         if count > _MAX_COUNT:
@@ -151,6 +154,7 @@ def _decode(data: bytes) -> CompactScene:
     """Read the scene and the size of its canvas from the bytes of a file.
 
     Raises `ValueError`, `struct.error` or `zlib.error` if they are not a complete, valid file.
+    Bytes after the end of the zlib stream are ignored.
     """
     if not data.startswith(_MARK):
         raise ValueError("it does not begin with the mark of the format")

@@ -54,10 +54,10 @@ def contact_sheet(
 ) -> Float32[np.ndarray, "height width 3"]:
     """Arrange strips on a light sheet, `across` strips side by side; returns its pixels, in 0..1.
 
-    A strip is a row of images with a title above it and captions below. Strips fill the sheet row
-    by row. Images keep their size in pixels, and lie at the top left of their cells; all cells are
-    as high as the highest image and as wide as the widest. OpenImageIO draws the text, with the
-    font in its wheels; a build of OpenImageIO without FreeType leaves the text out. Raises
+    A strip is a row of images with a title and a note above it and captions below. Strips fill the
+    sheet row by row. Images keep their size in pixels, and lie at the top left of their cells; all
+    cells are as high as the highest image and as wide as the widest. OpenImageIO draws the text,
+    with the font in its wheels; a build of OpenImageIO without FreeType leaves the text out. Raises
     `ValueError` if there is no image.
     """
     images = [image for strip in strips for image in strip.images]
@@ -93,7 +93,7 @@ def contact_sheet(
 def _draw_labels(
     sheet: Float32[np.ndarray, "height width 3"], labels: list[_Label]
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Return a copy of the sheet with labels drawn on it, or without if there is no FreeType."""
+    """Return a copy of the sheet, with labels drawn on it unless there is no FreeType."""
     height, width, channels = sheet.shape
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
     buffer.set_pixels(oiio.ROI(0, width, 0, height), sheet)

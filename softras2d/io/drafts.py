@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _MAX_STEM_BYTES = 80
-"""Number of bytes of a file's name that the name of its draft repeats.
+"""Maximum number of bytes of a file's name that the name of its draft repeats.
 
 File systems allow 255 bytes for the complete name of a file.
 """
@@ -22,8 +22,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     The block must create the draft, whose name has the suffix of `path`. If the block raises, the
     draft is removed and an old file at `path` stays as it was. `OSError` becomes a `ValueError` of
-    one line that names `path`; no `ValueError` names the draft. Drafts of `path` left by processes
-    that were killed are removed.
+    one line that names `path`; no `ValueError` names the draft. On POSIX, drafts of `path` left
+    by processes of this machine that were killed are removed.
     """
     _remove_abandoned(path)
     draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")

@@ -70,7 +70,7 @@ def _lzw(data: bytes) -> bytes:
 
     **Source:** GIF 89a, appendix F.
     """
-    # `pending` holds the last `bits` bits that were made, which do not fill a byte yet.
+    # `pending` holds the last `bits` bits that were made, which are not in `packed` yet.
     packed, pending, bits = bytearray(), _CLEAR, 9
     # Code of each known sequence, by the code of its prefix and its last value.
     codes: dict[int, int] = {}

@@ -28,9 +28,9 @@ def check_free_space(draft: Path, path: Path, size: int) -> None:
 def image_spec(draft: Path, shape: tuple[int, int, int], dtype: Any) -> Any:
     """Make OpenImageIO's `ImageSpec` for writing an image in the format of the suffix of `draft`.
 
-    `shape` is `(height, width, channels)`; `dtype` is float32 or an unsigned integer type. Alpha is
-    premultiplied in an EXR and straight in other formats. A JPEG has quality 95, without chroma
-    subsampling.
+    `shape` is `(height, width, channels)`; `dtype` is the NumPy dtype of float32 or of an unsigned
+    integer. Alpha is declared as premultiplied in an EXR, and as straight in other formats. A JPEG
+    has quality 95, without chroma subsampling.
     """
     height, width, channels = shape
     spec = oiio.ImageSpec(width, height, channels, str(dtype).replace("float32", "float"))
@@ -59,9 +59,9 @@ def open_output(draft: Path, path: Path, spec: Any) -> Any:
 
 
 def close_output(target: Any, draft: Path, path: Path, is_written: bool) -> None:
-    """Close the result of `open_output`; raise `ValueError` unless the file is complete.
+    """Close the result of `open_output`; raise `ValueError` if the file is known to be incomplete.
 
-    `is_written` says whether everything was written so far. The error calls the file `path`.
+    `is_written` says whether all writes so far have succeeded. The error calls the file `path`.
     """
     # Closing writes buffered data, so it may fail if the disk is full.
     if not (target.close() and is_written) or not _is_complete(draft):

@@ -25,7 +25,7 @@ _FILE_TILE = 512
 
 
 def check_stream(path: Path) -> None:
-    """Raise `ValueError` if `ImageStream` cannot write `path`: for its suffix or its folder."""
+    """Raise `ValueError` if `path` has another suffix, or is a folder or lies in none."""
     if path.suffix.lower() not in STREAMABLE:
         raise ValueError(
             f"{path}: the suffix of a tiled image must be one of {', '.join(STREAMABLE)}."
@@ -48,7 +48,7 @@ class ImageStream:
     so a row of windows is collected first.
 
     Use the stream in a `with` block: the file is complete at the end of a block that did not raise.
-    Raises `ValueError`, one line, as `write_image` does.
+    Raises `ValueError`, one line, if the file cannot be written. `check_stream` checks its suffix.
     """
 
     def __init__(
@@ -84,7 +84,8 @@ class ImageStream:
         """Write a window of floats `[height, width, channels]`, whose top left pixel is (x, y).
 
         x is its column and y its row in the image. The values are as for `write_image`. Raises
-        `ValueError` for values that are not finite, and if the disk is full.
+        `ValueError` for an image of another shape or dtype, for values that are not finite in the
+        file, and if the window cannot be written, for example because the disk is full.
         """
         pixels = as_pixels(str(self._path), image)
         pixels = stored_pixels(self._path, pixels, linear=self._linear, truncate=self._truncate)

@@ -3,13 +3,15 @@
 In memory an image is `[height, width, channels]`, float32, with straight alpha. Its values are
 sRGB, or linear light with `linear=True`. What the numbers in a file mean depends on its format:
 
-- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB with straight alpha, except that a TIFF
-  with alpha is premultiplied unless it declares straight alpha;
-- float pixels (EXR, float TIFF, HDR) are linear light, and EXR colours are premultiplied.
+- integer pixels (PNG, JPEG, 8- and 16-bit TIFF) are sRGB, and float pixels (EXR, float TIFF, HDR)
+  are linear light;
+- alpha is straight, except that EXR colours are premultiplied, and those of a TIFF unless it
+  declares straight alpha.
 
 Reading therefore decodes integer pixels to linear light if `linear=True`, and encodes float pixels
-as sRGB if not; writing does the opposite. Writing an image and reading it with the same `linear`
-gives the same image, up to the precision of the format. In an EXR of an image without alpha,
+as sRGB if not; writing does the opposite. Writing an RGB or RGBA image of values in 0..1 and
+reading it with the same `linear` gives the same image, up to the precision of the format, except
+that an EXR loses the colour of pixels whose alpha is 0. In an EXR of an image without alpha,
 written and read with `linear=True`, every float32 is bitwise equal.
 """
 
@@ -41,7 +43,10 @@ larger images are refused before they are decoded.
 """
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
-"""For each integer format of OpenImageIO, the type in which it is read, and the level of 1.0."""
+"""For integers of 8 and 16 bits, the type in which OpenImageIO reads them, and the level of 1.0.
+
+Pixels of other formats are read as floats.
+"""
 
 
 def read_image(
@@ -122,9 +127,10 @@ def write_image(
     values are clipped to 0..1 and rounded to the nearest k/255. `truncate=True` takes floor(255 x)
     in float32 instead, as the rasterizer course does, which also preserves every k/255.
     `linear=True` means that the values are linear light instead of sRGB. An EXR stores linear
-    light, not clipped; the other formats store sRGB. The file is written completely or not at all.
-    Raises `ValueError`, one line, for NaN and infinity, another shape or dtype, alpha in a JPEG, an
-    unknown suffix, or a folder that does not exist.
+    light, premultiplied and not clipped; the other formats store sRGB. The file is written
+    completely or not at all. Raises `ValueError`, one line, for NaN, infinity and values that
+    become infinite in an EXR, another shape or dtype, alpha in a JPEG, an unknown suffix, or a file
+    that cannot be written, such as one in a folder that does not exist.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -199,7 +205,8 @@ def _read_channels(
 ) -> tuple[Float32[np.ndarray, "height width channels"], Any]:
     """Read all channels of a file as float32, and its header, OpenImageIO's `ImageSpec`.
 
-    Integers become 0..1; there is no other conversion. Errors and `charge` are as in `_load`.
+    Unsigned integers become 0..1; there is no other conversion. Errors and `charge` are as in
+    `_load`.
     """
     _check_png_chunks(path, name)
     hint = oiio.ImageSpec()
@@ -244,7 +251,7 @@ def _check_size(name: str, spec: Any) -> None:
 
 
 def _check_png_chunks(path: Path, name: str) -> None:
-    """Raise `ValueError` for a PNG with damaged or missing chunks.
+    """Raise `ValueError` for a PNG that has a damaged chunk or is cut short.
 
     For such a file, libpng would print to stderr. Files of other formats pass. Errors call the file
     `name`.
@@ -269,6 +276,7 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 
     `names` has the name of each channel, in upper case. Without channels R, G and B, the first
     three channels other than A are colours. If there are fewer than three, the first is repeated.
+    The only channel of a file is a colour, whatever its name.
     """
     not_alpha = [index for index, name in enumerate(names) if name != "A"] or [0]
     if {"R", "G", "B"} <= set(names):
@@ -312,8 +320,8 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def _checked_pixels(path: Path, image: np.ndarray) -> np.ndarray:
     """Check that an image can be written to `path`; returns it as float32.
 
-    Raises `ValueError` for what is not an image of finite floats, for alpha in a JPEG, and for a
-    folder that does not exist.
+    Raises `ValueError` for what is not an image of finite floats, for alpha in a JPEG, for a folder
+    that does not exist, and for a `path` that is a folder.
     """
     pixels = as_pixels(str(path), image)
     if image.shape[-1] == 4 and path.suffix.lower() in (".jpg", ".jpeg"):

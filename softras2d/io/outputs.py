@@ -1,7 +1,7 @@
 """Lists the image formats that can be written, and checks paths to write to.
 
-The module imports no library, so that the command line can check its arguments before it loads JAX
-and OpenImageIO.
+The module imports only the standard library, so that the command line can check its arguments
+before it loads JAX and OpenImageIO.
 """
 
 from pathlib import Path

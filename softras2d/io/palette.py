@@ -15,8 +15,8 @@ def quantized(
     """Reduce an image to at most 256 colours; returns palette indices of pixels, and the palette.
 
     If the image has at most 256 colours, the result is exact. Otherwise each colour of the palette
-    is the mean of the pixels that use it. There is no dithering, so that still parts of an
-    animation do not flicker, and take fewer bytes.
+    is the rounded mean of the pixels that use it. There is no dithering, which would make still
+    parts of an animation flicker and its file larger.
     """
     codes = image.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     codes, color_of_pixel, counts = np.unique(codes, return_inverse=True, return_counts=True)
@@ -34,9 +34,9 @@ def _boxes(colors: Float[np.ndarray, "n 3"], counts: Int[np.ndarray, "n"]) -> In
     """Group more than 256 distinct colours into 256 boxes; returns the index of each colour's box.
 
     `counts` are the numbers of pixels of the colours. Starting with one box, the box with the
-    largest squared error, summed over its pixels, is cut in two: at its mean, across the channel
-    with the largest error. Boxes are chosen by their error and not by their number of pixels, so
-    that a few red pixels on a white background stay red.
+    largest squared error from its mean colour, summed over its pixels, is cut in two: at its mean,
+    across the channel with the largest error. Boxes are chosen by their error and not by their
+    number of pixels, so that a few red pixels on a white background stay red.
 
     **Source:** variant of median cut, Heckbert, *Color Image Quantization for Frame Buffer Display*
     (SIGGRAPH 1982).

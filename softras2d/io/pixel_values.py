@@ -25,7 +25,8 @@ def as_pixels(name: str, image: np.ndarray) -> Float32[np.ndarray, "height width
 def check_finite(name: str, pixels: np.ndarray) -> None:
     """Raise `ValueError`, whose message begins with `name`, if a value is NaN or infinite.
 
-    The message names the first such value.
+    `pixels` is `[height, width, channels]`. The message names the first such value, row by row, and
+    its position.
     """
     finite = np.isfinite(pixels)
     if not finite.all():
@@ -37,7 +38,8 @@ def check_finite(name: str, pixels: np.ndarray) -> None:
 def on_colors(convert: Any, pixels: np.ndarray) -> np.ndarray:
     """Apply `convert`, a function of arrays, to all channels except alpha, which is the fourth.
 
-    Images `[..., channels]` of one or three channels have no alpha. Returns a new array.
+    Images `[..., channels]` of another number of channels than four have no alpha. Returns a new
+    array.
     """
     colors = 3 if pixels.shape[-1] == 4 else pixels.shape[-1]
     return np.concatenate([convert(pixels[..., :colors]), pixels[..., colors:]], axis=-1)
@@ -48,7 +50,7 @@ def to_bytes(
 ) -> UInt8[np.ndarray, "*shape"]:
     """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer, 0.5 up.
 
-    `truncate` rounds down instead.
+    `truncate` rounds down instead. Both compute in float32. Values must be finite.
     """
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)

@@ -8,7 +8,7 @@ from .paths import Arc, Path, end_of
 
 
 def path_bounds(path: Path, map3: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "2 2"] | None:
-    """The bounding box of a path under an affine map: its low corner and its high corner.
+    """The bounding box of a path under an affine map: smallest x and y, then largest x and y.
 
     `map3` is homogeneous, and its last row is (0, 0, 1). Strokes do not count, but a subpath of a
     single point does. Control points that are not on the path do not count. Returns None for a path

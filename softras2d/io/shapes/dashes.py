@@ -24,7 +24,7 @@ def dashes(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cut a chain of segments into dashes; returns points `[k, 2]` and `smooth` `[k]` of each dash.
 
-    Dashes are open chains, in the order of the chain. Their ends are not smooth.
+    Dashes are open chains, in the order in which they lie on the chain. Their ends are not smooth.
 
     - `points`: the chain, in any unit.
     - `smooth`: whether each point lies inside a flattened curve.
@@ -33,11 +33,11 @@ def dashes(
       lengths, with a positive sum.
     - `offset`: distance from the start of the pattern at which the chain begins; it may be
       negative, since the pattern repeats in both directions.
-    - `budget`: charged in advance, with four points for each dash and for each gap.
+    - `budget`: charged in advance, with four points for each dash and each gap there may be.
 
     If a closed chain begins and ends within a dash, the two pieces are joined to one dash, which
-    comes first. A chain of length zero is returned uncut, and so is one whose number of periods
-    overflows; if it is closed, its first point is repeated at its end. Raises `BudgetError` if the
+    comes first. A chain of length zero is returned uncut, and so is one whose number of periods is
+    not finite; if it is closed, its first point is repeated at its end. Raises `BudgetError` if the
     dashes need more points than `budget` allows.
 
     **Source:** SVG 2, section 13.5.6.

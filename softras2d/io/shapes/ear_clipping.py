@@ -46,10 +46,11 @@ def clip_ears(
     they are not triangulated. Skipped contours are simple ones, which do not cross or touch
     themselves, of more than `MAX_CLIPPED` vertices, and all of more than `MAX_CLIPPED_IF_CROSSING`.
 
-    Triangles of one contour are consecutive, in the order in which they are clipped. Their vertices
-    turn from the x axis towards the y axis, whatever the orientation of the contour. A contour of
-    fewer than three points gives none. Raises `BudgetError`, with the index of the contour, if the
-    work exceeds `budget`; None is a new budget with the usual limits.
+    Triangles of one contour are consecutive, in the order in which they are clipped; contours come
+    in any order. The vertices of a triangle turn from the x axis towards the y axis, whatever the
+    orientation of the contour. A contour of n points gives n - 2 triangles, or fewer if none of its
+    remaining corners is an ear; of fewer than three points, none. Raises `BudgetError`, with the
+    index of the contour, if the work exceeds `budget`; None is a new budget with the usual limits.
 
     **Source:** Ratcliff, *Efficient polygon triangulation* (flipcode, 2000), as the course has it.
     """
@@ -89,8 +90,8 @@ def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: i
     """Whether a contour of any size crosses or touches itself.
 
     Also true for a contour of fewer than three points. A point that repeats the one before it is
-    not counted. The work is charged to `budget`, whose `BudgetError` has `index` as the index of
-    the contour.
+    not counted. The work for a contour of more than 64 edges is charged to `budget`, whose
+    `BudgetError` has `index` as the index of the contour.
     """
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]
@@ -121,7 +122,7 @@ def _clip(
     The polygons may have either orientation. Returns, for each ear, the index of its polygon and
     the indices of its three vertices, in the order that gives the ear a positive area. Ears of one
     polygon are consecutive. A polygon is given up when none of its corners is an ear, so it may
-    have fewer than `n - 2` ears. Raises `BudgetError` with the index of a polygon.
+    have fewer than `n - 2` ears. Raises `BudgetError` with the index of one of the polygons.
 
     In the body, `previous`, `corner` and `following` are three consecutive remaining vertices of
     each polygon. A pass of the loop tests one corner of every polygon.
@@ -174,7 +175,8 @@ def _are_ears(
     At an ear, the cross product of the two edges is at least `_MIN_CROSS`, and no other vertex of
     the polygon lies inside the triangle of the corner and its neighbours, or on its edges.
 
-    - `points`: vertices of the polygons, in the order that gives each polygon a positive area.
+    - `points`: remaining vertices of the polygons, in the order that gives each polygon a positive
+      area, if it has any.
     - `size`: number of valid points of each polygon, which come first in its row.
     - `neighbours`: indices in `points` of the previous vertex, the corner and the next vertex.
     """

@@ -35,9 +35,9 @@ def fill_rule_regions(
     - `error_indices`: for each shape, the index that a `BudgetError` about it has.
 
     The polygons are in the order of the shapes. A shape may have several polygons, which may share
-    edges but do not overlap. It has none if no contour has three points or more; points that repeat
-    the one before are not counted in contours of more than three. Raises `BudgetError` if the work
-    exceeds `budget`.
+    edges but do not overlap. It may have none, as when no contour has three points or more; points
+    that repeat the one before are not counted in contours of more than three. Raises `BudgetError`
+    if the work exceeds `budget`.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])
@@ -123,8 +123,8 @@ def _faces(
     """Divide the plane into faces along the contours of some of the shapes.
 
     - `lines`: the edges of every shape, as one shapely geometry each.
-    - `crossing`: the indices of the shapes to divide: those that cross themselves or have several
-      contours.
+    - `crossing`: the indices of the shapes to divide: those that cross or touch themselves, or have
+      several contours.
     - `lengths`: the number of edges of every shape.
     - `error_indices`: for every shape, the index that a `BudgetError` about it has.
 
@@ -166,7 +166,7 @@ def _windings(
 
     Points must not lie on edges of their shapes.
 
-    - `edges`: the edges of each shape. `lengths` are the numbers of edges.
+    - `edges`, `lengths`: the edges of each shape, and their number.
     - `shape_of_point`: for each point, the index of the shape whose winding number is computed.
     - `error_indices`: for each shape, the index that a `BudgetError` about it has.
     """
@@ -195,9 +195,9 @@ def _winding_by_rays(
 ) -> Int[np.ndarray, " points"]:
     """Winding number of one shape of many edges around each of many points.
 
-    A ray is sent from each point, and only edges that the ray may meet are tested. All rays run
-    along x, or all along y, whichever direction meets fewer edges. `error_index` is the index of
-    the shape in a `BudgetError`.
+    A ray is sent from each point, and only edges that the ray may meet are tested. All rays run in
+    direction +x, or all in direction +y, whichever may meet fewer edges. `error_index` is the index
+    of the shape in a `BudgetError`.
     """
     starts, ends = edges
     low, high = np.minimum(starts, ends), np.maximum(starts, ends)
@@ -235,7 +235,8 @@ def _ray_turns(a: np.ndarray, b: np.ndarray, points: np.ndarray) -> np.ndarray:
 
     The arrays are points `[..., 2]`, which are broadcast against each other. The sign is 1 if y
     increases from a to b, -1 if it decreases, and 0 if the edge does not cross the ray. The sum
-    over the edges of a contour is its winding number around the point.
+    over the edges of a contour is its winding number around the point, positive if it turns from
+    the x axis to the y axis.
 
     **Source:** Sunday, *Inclusion of a point in a polygon* (2001).
     """

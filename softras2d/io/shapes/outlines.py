@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from ...geometry.vectors import cross
 
 MAX_DROPPED_LENGTH = 1e-12
-"""Length up to which segments are dropped, as a fraction of the outline's largest coordinate.
+"""Length up to which segments are dropped, as a fraction of its outline's largest coordinate.
 
 Rounding can turn a segment of zero length into one as short as this. Its direction is arbitrary, so
 its joins would be spikes.
@@ -84,7 +84,7 @@ class Joins(NamedTuple):
 
 
 class Caps(NamedTuple):
-    """Ends of open outlines, in user units.
+    """Ends of open outlines and of dots, in user units.
 
     - `outline`: index of the outline of each end.
     - `position`: the end.
@@ -134,7 +134,7 @@ def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
 
 
 def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) -> Joins:
-    """Make the joins of all outlines, at every corner where the direction changes.
+    """Make the joins of all outlines, one at every corner where the direction changes.
 
     A closed outline also has a join where its last segment meets its first.
 
@@ -162,7 +162,7 @@ def joins_of(segments: Segments, is_closed: np.ndarray, half_width: np.ndarray) 
 
 
 def caps_of(segments: Segments, is_closed: np.ndarray, outlines: Sequence[Outline]) -> Caps:
-    """Make the caps of all open outlines, two for each.
+    """Make the caps of all open outlines and of dots, two for each.
 
     - `segments`: the segments of all outlines.
     - `is_closed`: whether each outline is closed.

@@ -90,8 +90,8 @@ class FlatPath(NamedTuple):
     - `smooth`: whether each point lies inside a curve, rather than at the end of a segment.
     - `controls`, `weights`: indices in `Path.points` of four control points, and their weights.
       Each point is the weighted sum of its control points. Where a weight is 0, the index is
-      arbitrary. Indices of -1 mean that the point is not such a sum: it lies on an arc, or depends
-      on a fixed point.
+      arbitrary. Indices of -1 mean that the point is not such a sum, because it lies inside an
+      arc, or that its segment has a fixed point.
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -118,8 +118,9 @@ def arc_between(
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], float, float] | None:
     """Compute the ellipse of an SVG arc from the arguments of the path command `A`.
 
-    - `start`, `end`: ends of the arc; `radii`: lengths of the half axes, in the same units.
-    - `rotation`: angle from the x axis to the first half axis, in degrees.
+    - `start`, `end`: ends of the arc; `radii`: lengths of the half axes, in the same units, whose
+      signs do not count.
+    - `rotation`: angle from the x axis to the first half axis, in degrees, positive towards y.
     - `large`, `sweep`: the two flags of the command.
 
     Returns the fields of `Arc` after `end`: the center, the vectors of both half axes, the start
@@ -165,8 +166,9 @@ def flatten(
 ) -> FlatPath:
     """Flatten a path, so that no curve is farther than `tolerance` pixels from its polygon.
 
-    `linear` maps vectors in user units to pixels, as `linear @ vector`. The result is in user
-    units. Raises `BudgetError` if its points exceed `budget`.
+    Only curves that need more than 2^16 chords may be farther. `linear` maps vectors in user units
+    to pixels, as `linear @ vector`. The points of the result are in user units. Raises
+    `BudgetError` if its points exceed `budget`.
     """
     control = np.array(path.points, np.float64).reshape(-1, 2)
     if all(len(s) == 1 for subpath in path.subpaths for s in subpath.segments):
@@ -227,8 +229,8 @@ def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
 
     `control` has `path.points` as an array `[points, 2]`. Each point of the result has the weight 1
     for its own index in `Path.points`, or the indices -1 if it is one of `path.fixed`. If a closed
-    contour ends in its first point, that point is not repeated. Raises `BudgetError` if the points
-    exceed `budget`.
+    contour ends with the index at which it starts, that point is not repeated. Raises `BudgetError`
+    if the points exceed `budget`.
     """
     indices: list[int] = []
     starts, closed = [], []

@@ -3,8 +3,8 @@
 The course draws a line by repeated float32 addition of a step, and colours the whole pixel that
 contains each position. The rounding is visible in the image, so it is reproduced. A run of pixels
 along a row, or along a column for steep lines, becomes one rectangle. The positions of many lines
-are computed together. A line that starts far from the canvas is advanced to it without single
-steps, with the same float32 result.
+are computed together. A long line that starts outside the canvas is advanced to it without
+single steps, with the same float32 result.
 """
 
 import math
@@ -19,12 +19,12 @@ _LONG_STEPS = 1 << 14
 """Number of steps above which a line is advanced to the canvas without single steps."""
 
 _BLOCK_POSITIONS = 1 << 21
-"""Maximum number of positions that are computed at once, which bounds memory."""
+"""Maximum number of positions of several lines that are computed at once, which bounds memory."""
 
 _MAX_STEPS = 1 << 30
 """Maximum number of steps of a line.
 
-No further step changes a position, because adding 1 changes a float32 at most 2^25 times.
+No further step changes a position: adding one number repeatedly changes a float32 far fewer times.
 """
 
 

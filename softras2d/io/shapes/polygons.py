@@ -40,10 +40,10 @@ def triangulate(
     - `translucent`: whether each shape is translucent, so that edges between its triangles must
       avoid samples: a sample on such an edge is covered by both triangles, and blended twice.
 
-    Triangles of one shape are consecutive, but shapes may come in any order. A single contour of
-    three points gives one triangle, whatever its area; one of fewer points gives none. Raises
-    `BudgetError`, with the index of the shape, if the work exceeds `budget`; None is a new budget
-    with the usual limits.
+    Triangles of one shape are consecutive, but shapes may come in any order. A shape given as an
+    array of three points gives one triangle, whatever its area; one of fewer points gives none.
+    Raises `BudgetError`, with the index of the shape, if the work exceeds `budget`; None is a new
+    budget with the usual limits.
     """
     budget = budget or Budget()
     is_single = np.array([isinstance(contour, np.ndarray) for contour in contours], bool)
@@ -88,7 +88,8 @@ def triangulate(
 def is_convex(points: Float[np.ndarray, "m n 2"]) -> Bool[np.ndarray, " m"]:
     """Whether each of `m` polygons of `n` vertices is convex, with its vertices in either order.
 
-    A convex polygon turns in one direction only, once around, and never turns straight back.
+    A convex polygon turns in one direction only, once around, and never turns straight back. One
+    whose vertices repeat may not be recognised.
     """
     edges = np.roll(points, -1, axis=1) - points
     following = np.roll(edges, -1, axis=1)

@@ -44,7 +44,7 @@ def difference(region: Any, removed: Any, budget: Budget) -> Any:
 
 
 def united(regions: Sequence[Any], budget: Budget) -> Any:
-    """The union of one or more regions; a single region is returned as it is."""
+    """The union of one or more regions; a single region is returned as it is, at no charge."""
     if len(regions) == 1:
         return regions[0]
     _charge(budget, *regions, weight=_UNION_COST)
@@ -54,7 +54,7 @@ def united(regions: Sequence[Any], budget: Budget) -> Any:
 def grown(region: Any, distance: float, budget: Budget) -> Any:
     """A region with its border moved outwards by `distance`, in the units of its coordinates.
 
-    The region must not be empty. Corners stay sharp, as with mitre joins of limit 2. Polygons that
+    The region must not be empty. Corners are mitred, up to a limit of 2. Polygons that
     then overlap are united.
     """
     _charge(budget, region, weight=2 * _UNION_COST)
@@ -70,7 +70,10 @@ def is_empty(region: Any) -> bool:
 
 
 def polygons_of(geometry: Any) -> Any:
-    """The polygons of a shapely geometry as one region, without its lines and points."""
+    """The polygons of a shapely geometry as one region, without its lines and points.
+
+    Without polygons it is `EMPTY`. A polygon or multipolygon is returned as it is.
+    """
     if geometry.geom_type in ("Polygon", "MultiPolygon"):
         return geometry
     members = shapely.get_parts(geometry)
@@ -86,7 +89,7 @@ _OPERATION_COST = 128
 """Constant cost of an operation, in vertices: GEOS overlays this many in the same time."""
 
 _UNION_COST = 4
-"""Time per vertex of a union or of `grown`, relative to an intersection."""
+"""Time per vertex of a union, relative to an intersection; `grown` takes twice as long."""
 
 
 def _charge(budget: Budget, *regions: Any, weight: int = 1) -> None:

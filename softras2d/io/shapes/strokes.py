@@ -3,7 +3,7 @@
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
 translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins.
 The stroke of the chords then differs from the stroke of the exact curve by no more than the chords
-differ from the curve.
+differ from the curve, and round joins from circles.
 """
 
 from collections.abc import Sequence
@@ -231,9 +231,9 @@ def _sector_triangles(
 ) -> Int[np.ndarray, " sectors"]:
     """Number of triangles of each sector whose chords are within `_TOLERANCE` of the circle.
 
-    `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. No
-    triangle needs an angle below pi / 512, which limits the number for large radii. Each sector has
-    at least one triangle.
+    `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. A
+    sector has at least one triangle, and no more than one for each pi / 512, rounded up, so the
+    chords of large circles are farther.
     """
     radius = np.maximum(radius_px, _TOLERANCE)
     max_angle = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)

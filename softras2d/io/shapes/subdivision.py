@@ -1,8 +1,8 @@
 """Cuts large polygons into small ones, so that triangulating them is fast.
 
 GEOS triangulates by clipping ears, which takes quadratic time for polygons such as spirals: one of
-20,000 vertices took 85 s. Cutting a polygon recursively at the median of its vertices gives pieces
-of bounded size in n log n time.
+20,000 vertices took 85 s. Cutting a polygon recursively at the median of its vertices gives
+small pieces, mostly in n log n time.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ import shapely
 from jaxtyping import Int
 
 MAX_UNCUT = 512
-"""Regions of at most this many vertices stay in one piece."""
+"""Regions of at most this many vertices are not cut."""
 
 _MAX_PIECE = 128
 """Pieces of at most this many vertices are not cut further."""
@@ -66,8 +66,8 @@ def _pieces_of(region: Any) -> np.ndarray:
 def _halves(piece: Any) -> list[Any]:
     """Cut a polygon near the median x or y of its vertices, where fewer edges are crossed.
 
-    Returns the polygons on both sides of the cut. The list is empty if neither the line at the
-    median x nor the one at the median y passes through the polygon.
+    Returns the polygons on both sides of the cut. The list is empty if neither the line near
+    the median x nor the one near the median y passes through the polygon.
     """
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -100,8 +100,8 @@ def _halves(piece: Any) -> list[Any]:
 def _clipped(piece: Any, boxes: list[Any]) -> np.ndarray | None:
     """Clip a polygon to each of `boxes` by `clip_by_rect`; returns all parts in one array.
 
-    The boxes together contain the polygon, and do not overlap. Returns None if clipping has changed
-    the total area, apart from rounding, because then the result is wrong.
+    The boxes together contain the polygon, and share no more than an edge. Returns None if clipping
+    has changed the total area, apart from rounding, because then the result is wrong.
     """
     halves: Any = [shapely.clip_by_rect(piece, *shapely.bounds(box)) for box in boxes]
     area = float(shapely.area(piece))
