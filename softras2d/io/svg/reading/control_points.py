@@ -1,9 +1,9 @@
 """Maps the control points of a drawing to the vertices of its triangles.
 
-A curve is flattened at fixed parameters, so that each vertex of a filled path is a fixed linear
-combination of at most four control points. The map is therefore affine. It moves the triangles into
-which the drawing of the file was divided, and never triangulates again. After large moves,
-triangles may therefore overlap or turn over.
+A Bezier curve is flattened at fixed parameters, so that each vertex on a curve or line of a filled
+path is a fixed linear combination of at most four control points. The map is affine. It moves the
+triangles into which the drawing of the file was divided, and never triangulates again. After large
+moves, triangles may therefore overlap or turn over.
 """
 
 import re
@@ -56,7 +56,7 @@ class SvgControls(eqx.Module):
       their weights. The weighted sum is the vertex in the user units of its element.
     - `linear`, `offset`: for each vertex, the map from the user units of its element to pixels: a
       vertex v in user units lies at `linear @ v + offset`.
-    - `constant_vertices`: number of vertices that depend on no control point, for each reason.
+    - `constant_vertices`: number of vertices that move with no control point, for each reason.
       `"cut"`: vertices where shapes cross, or where a shape is clipped or divided. `"radius"`:
       vertices on arcs, circles, ellipses and rects, and on paths that a style sheet gives.
       `"other"`: vertices of strokes, images, `colortri` and `textri`.
@@ -120,9 +120,10 @@ class SvgControls(eqx.Module):
     def text(self, points: Any = None) -> str:
         """The text of the SVG file with `points` as its control points, by default `self.points`.
 
-        Only the attributes in which control points are written change; their numbers are rounded to
-        float32. Raises `ValueError` for points of another shape or that are not finite, for a file
-        that is not in ASCII or UTF-8, and for an attribute that only a DTD gives.
+        Only the attributes in which control points are written change: numbers are rounded to
+        float32, and commands become absolute. Raises `ValueError` for points of another shape or
+        that are not finite, for a file that is not in ASCII or UTF-8, and for an attribute that
+        only a DTD gives.
         """
         points = np.asarray(self.points if points is None else points, np.float64)
         if points.shape != self.points.shape or not np.isfinite(points).all():
@@ -309,7 +310,7 @@ def _matching_rows(
 
 
 def _number(value: float) -> str:
-    """The shortest decimal text of a number that rounds to the same float32."""
+    """The decimal text of a number with the fewest digits that round to the same float32."""
     return str(np.float32(value)).removesuffix(".0")
 
 

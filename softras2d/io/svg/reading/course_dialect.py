@@ -33,7 +33,7 @@ class CourseReader:
     `transform` is inherited: every element has its own style. A method that is named after an
     element, such as `_rect`, draws this element. Its argument `map3` is the homogeneous map `[3,
     3]` from the user units of the element to pixels. Coordinates and sizes that an element lacks
-    are 0.
+    are 0; only `colortri` and `textri` must have theirs.
     """
 
     def __init__(self, context: Context):
@@ -128,8 +128,8 @@ class CourseReader:
 
         All digits form one number, whose low 24 bits are red, green and blue, so `#f` is a dark
         blue. A number of over 32 bits is white. Black is the colour of a missing attribute, and of
-        a value that does not begin with hex digits after blanks and `#`. The alpha is the result of
-        `_opacity`.
+        a value without hex digits after its leading blanks and at most one `#`. The alpha is the
+        result of `_opacity`.
         """
         match = _HEX.match(attributes.get(name, ""))
         code = min(int((match and match[1]) or "0", 16), 0xFFFFFFFF)
@@ -148,9 +148,9 @@ class CourseReader:
         return min(max(leading_float(text), 0.0), 1.0)
 
     def _rect(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw a `rect` and its outline, if it has the attribute `stroke`.
+        """Draw a `rect`, and its outline if it has the attribute `stroke`.
 
-        If width and height are both 0, a single pixel in the colour of `fill` is drawn instead.
+        If width and height are both 0, the pixel that contains its corner is filled instead.
         """
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
@@ -189,8 +189,8 @@ class CourseReader:
     def _outline(self, corners: np.ndarray, attributes: Attributes) -> None:
         """Draw pixel lines around corners `[n, 2]`, in pixels, if the attribute `stroke` exists.
 
-        The last corner is joined to the first. The value `none` is black, like any text without hex
-        digits.
+        The last corner is joined to the first. The value `none` is black, since it does not
+        begin with hex digits.
         """
         if "stroke" in attributes and len(corners):
             self._lines(corners, np.roll(corners, -1, axis=0), self._color(attributes, "stroke"))
@@ -240,7 +240,7 @@ class CourseReader:
         )
 
     def _image(self, map3: np.ndarray, attributes: Attributes) -> None:
-        """Draw an `image` by filling every pixel between its top left and its bottom right corner.
+        """Draw an `image` by filling all pixels from its top left to its bottom right corner.
 
         The corners are mapped to pixels, but a rotation or skew of the image is ignored, and a
         mirrored image draws nothing. Each pixel has the colour of the image at its centre, sampled
@@ -326,7 +326,7 @@ def _pixels(
     - `side`: size of the canvas along this axis, in pixels.
 
     Returns the indices of the pixels that lie on the canvas, and for each the texture coordinate of
-    its centre: 0..1, or slightly outside for the first and last pixel. Both arrays are empty for a
+    its centre: 0..1, or slightly less than 0 for the first pixel. Both arrays are empty for a
     picture that is mirrored or off the canvas.
     """
     low, high = float(ends[0]), float(ends[1])

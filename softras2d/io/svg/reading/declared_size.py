@@ -29,7 +29,7 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
     - `dialect`: `"svg"` or `"course"`, whose rules differ.
     - `tree`: the root of a document of dialect `"svg"` that has been parsed already; else None.
 
-    Raises `SvgError` if the document declares no size.
+    Raises `SvgError` if the document declares no size or cannot be parsed.
     """
     tag, attributes = root(document)
     try:
@@ -50,10 +50,10 @@ def size_with_margins(document: Document, height: int, width: int) -> tuple[floa
     """The size of a drawing that would leave margins on a canvas; None if it leaves none.
 
     The document is of dialect `"svg"`, and the canvas has `height` x `width` pixels. The result is
-    the (height, width) of the viewBox in user units or, without a viewBox, the declared size in
-    pixels. Margins whose sum is one pixel at most do not count. There are none if the aspect ratios
-    agree, if `preserveAspectRatio` has the word `none` or `slice`, or if the viewBox has no area.
-    Raises `SvgError` if the document has neither a valid viewBox nor a declared size.
+    the (height, width) of the viewBox in user units or, without a valid viewBox, the declared size
+    in pixels. Margins whose sum is one pixel at most do not count. There are none if the aspect
+    ratios agree, if `preserveAspectRatio` has the word `none` or `slice`, or if the viewBox has no
+    area. Raises `SvgError` if the document has neither a valid viewBox nor a declared size.
     """
     _, attributes = root(document)
     if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
@@ -79,7 +79,7 @@ def _standard_size(
       parsed only if it may have style sheets.
 
     Returns None if no size is declared. There is no canvas yet, so media queries are evaluated for
-    the size in the root's attributes.
+    the size in the root's attributes, or else for `_DEFAULT_SIZE`.
     """
     size = document_size(Declarations({}, attributes, {}), MEDIUM, lambda *_: None)
     if not any("style".encode(code) in document.data for code in _ENCODINGS):

@@ -117,11 +117,11 @@ def read_svg(
     - a document that is not well-formed, declares entities other than short texts, or is larger
       than 64 MB;
     - textures that are missing or outside `assets`;
-    - invalid attributes of `colortri` and `textri`;
+    - invalid attributes of `colortri` and `textri`, numbers that the course's dialect cannot read,
+      and coordinates that are not finite in float32;
     - a `transform` that is singular or sends points to infinity;
     - a document that exceeds a limit of `softras2d.io.budget`, such as 2,097,152 triangles,
-      4,194,304 points, 100,000 points in which polygons cross themselves, or 67,108,864 pixels in
-      all images together (1 GiB). Limits are checked before the work is done.
+      4,194,304 points, or 67,108,864 pixels in all images together (1 GiB).
     """
     options = _Options(dialect, transform, assets, opacity, frame, linear, tolerance, strict, fit)
     result = _read(load(path), height, width, options)
@@ -189,10 +189,10 @@ def read_svg_controls(
 ) -> SvgControls:
     """Read an SVG file as a scene whose vertices are computed from the control points of its paths.
 
-    The arguments are those of `read_svg` in dialect `"svg"`. Vertices of filled paths, polygons and
-    polylines are affine functions of the control points. All other vertices are constant;
-    `SvgControls.constant_vertices` counts them. Raises `ValueError` as `read_svg` does, and for a
-    `transform` in perspective.
+    The arguments are those of `read_svg` in dialect `"svg"`. Vertices on lines and Bezier curves of
+    filled paths, polygons and polylines are affine functions of the control points. All other
+    vertices are constant; `SvgControls.constant_vertices` counts them. Raises `ValueError` as
+    `read_svg` does, and for a `transform` in perspective.
     """
     document = load(path)
     options = _Options("svg", transform, assets, opacity, None, linear, tolerance, strict, fit)
@@ -253,7 +253,7 @@ def _read(
 ) -> _ReadResult:
     """Read a document as a scene.
 
-    - `height`, `width`: size of the canvas in pixels; None for the size that the document declares.
+    - `height`, `width`: size of the canvas in pixels; None for the side that the document declares.
     - `keeps_sources`: whether the painter stores the paths that it fills, for `make_controls`.
 
     Raises `ValueError` as `read_svg` does. No warning is issued.

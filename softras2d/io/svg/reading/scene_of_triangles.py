@@ -22,7 +22,8 @@ def make_scene(
     - `addressing`: how texture coordinates map to texels.
     - `linear`: whether colours, background and textures are decoded from sRGB to linear light.
 
-    Textures, alpha and corner colours are left out if no triangle needs them.
+    Textures and corner colours are left out if no triangle needs them, and alpha if all colours are
+    opaque and no image of a texture has an alpha channel.
     """
     colors = triangles.colors
     background = np.array(context.background or (1.0, 1.0, 1.0))

@@ -190,10 +190,11 @@ class Drawing:
             self._draw_shape(element, declared, state, opacity)
 
     def _has_no_backdrop(self, element: Element, parent: InheritedState) -> bool:
-        """Whether an element is the first that is drawn in a `g` with `isolation: isolate`.
+        """Whether nothing that may be drawn precedes an element in its parent, an isolated `g`.
 
-        If it is, nothing lies below the element in its group, and its blend mode has no effect. The
-        result is False for an element that is drawn because a `use` refers to it.
+        The `g` has `isolation: isolate`. If so, nothing lies below the element in its group, and
+        its blend mode has no effect. The result is False for an element that is drawn because a
+        `use` refers to it.
         """
         group = element.parent
         if group is None or group.name != "g" or parent.is_instance(element):
@@ -225,6 +226,9 @@ class Drawing:
         - `state`: state that the children inherit.
         - `opacity`: opacity of the group, in 0..1. If it is below 1, a `_GroupEnd` is put on the
           stack below the children, so that it is taken after them.
+
+        The child of a `use` is the instance that it makes. Of a `switch`, only the children to draw
+        are put on the stack.
         """
         if opacity < 1:
             layer = Layer(self._page.budget)

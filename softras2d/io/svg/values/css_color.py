@@ -33,7 +33,7 @@ _MAX_NESTING = 8
 """Maximum depth of nested brackets in a colour, since tinycss2 recurses for each bracket."""
 
 _MAX_COORDINATE = 1e6
-"""Maximum absolute value of coordinates in CIE and Oklab spaces.
+"""Maximum absolute value of coordinates in the spaces Lab, LCH, Oklab and OkLCh.
 
 Larger ones are clamped to it, so that their cubes do not overflow.
 """
@@ -43,9 +43,9 @@ def color_of(text: str) -> Rgba | str | None:
     """Parse a CSS colour, and convert it to sRGB with straight alpha.
 
     Channels of colours outside sRGB are clipped to 0..1, except for the function `color(...)`,
-    whose channels may also be infinite or NaN.
-    Returns `CURRENT` for `currentColor`. Returns None for text that is no colour, that is too long
-    or nested too deeply, or whose colour space is not supported, such as `display-p3`.
+    whose channels may also be infinite or NaN. Returns `CURRENT` for `currentColor`. Returns None
+    for text that is no colour, that is too long or nested too deeply, or whose colour space is not
+    supported, such as `display-p3`.
     """
     text = text.strip()
     return _parsed(text) if len(text) <= _MAX_LENGTH else None

@@ -1,8 +1,9 @@
 """Parses numbers in attributes: lists, lengths with units, fractions, and the course's numbers.
 
-Functions for standard SVG are strict: text that its grammar does not allow raises `ValueError`.
+Functions for standard SVG are strict: text that its grammar does not allow is an error.
 The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`. Functions for the
-course stop reading at the first text that does not fit, without an error, as its program does.
+course stop reading at the first text that does not fit, without an error, as its program does. Only
+NaN and infinity, and for `leading_float` a text without a number, are errors.
 """
 
 import math
@@ -86,10 +87,10 @@ def leading_numbers(text: str) -> tuple[list[float], str | None]:
 def number_pairs(text: str) -> list[float]:
     """Parse a list of points as the course does; returns x and y alternately, rounded to float32.
 
-    A point is a number, one separator and a number. The separator is a blank, or one character
-    other than a digit, sign or point. Reading stops at text that is no point. Raises `ValueError`
-    for numbers that are not finite in float32, and if NaN or infinity is written anywhere after the
-    last point.
+    A point is a number, a separator and a number. The separator is blanks, or one other character,
+    with or without blanks around it, that is no digit, sign or point. Reading stops at text that is
+    no point. Raises `ValueError` for numbers that are not finite in float32, and if NaN or infinity
+    is written anywhere after the last point.
     """
     values, position = [], 0
     while match := _PAIR.match(text, position):

@@ -20,7 +20,7 @@ _RUN = re.compile(rf"(?:{NUMBER}{_SEPARATOR})*+")
 _FLAG = re.compile(rf"([01]){_SEPARATOR}")
 
 _SAME_POINT = 1e-9
-"""Largest difference of coordinates between points that count as one point.
+"""Difference of coordinates below which two points count as one point.
 
 It is a fraction of the largest absolute coordinate of the subpath.
 """
@@ -32,8 +32,8 @@ _ARGUMENTS = {"M": 2, "L": 2, "T": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "A
 def parse_path_data(text: str) -> tuple[Path, str | None]:
     """Parse path data up to the first error.
 
-    Returns the path before the error, in user units, and the message of the error; None if there is
-    no error. Empty text and `none` give an empty path.
+    Returns the path before the error, in user units, and the message of the error, or None if there
+    is no error. Empty text and `none` give an empty path.
 
     **Source:** SVG 2, section 9.3.9 (grammar) and 9.5.4 (error handling).
     """
@@ -152,12 +152,12 @@ class PathPen:
     ) -> None:
         """Add an elliptical arc from the current point to `end`.
 
-        - `rx`, `ry`: lengths of the half axes.
-        - `rotation`: angle between the x axis and the axis of `rx`, in degrees.
+        - `rx`, `ry`: lengths of the half axes, whose signs do not count.
+        - `rotation`: angle from the x axis to the axis of `rx`, in degrees, positive towards y.
         - `large`, `sweep`: the flags of the path command `A`.
 
         Radii that are too short to reach both ends are enlarged. An arc becomes a line if a radius
-        is zero or if its ends are equal.
+        is zero, if its ends are equal, or if its center cannot be computed.
         """
         subpath = self.path.subpaths[-1]
         start = self.path.points[_last(subpath)]
@@ -231,11 +231,11 @@ def polygon_path(points: list[tuple[float, float]], closed: bool) -> Path:
 
 
 def rect_path(x: float, y: float, width: float, height: float, rx: float, ry: float) -> Path:
-    """The path of a rectangle, clockwise on the screen from its top left corner.
+    """The path of a rectangle, clockwise on the screen, where the top side comes first.
 
     - `x`, `y`: the top left corner.
     - `rx`, `ry`: radii of rounded corners, at most half of the sides. Corners are sharp if either
-      is 0. All points of a rect with rounded corners are in `Path.fixed`.
+      is 0 or less. All points of a rect with rounded corners are in `Path.fixed`.
 
     **Source:** SVG 2, section 10.2.
     """

@@ -56,9 +56,9 @@ def transform_list(text: str) -> Float64[np.ndarray, "3 3"]:
 def course_transform(text: str, unknown: Callable[[str], None]) -> Float64[np.ndarray, "3 3"]:
     """Parse a transform list as the course does; returns its matrix, as for `transform_list`.
 
-    Exactly one character is skipped after each `)`. If a function has two blanks before it, its
-    name therefore begins with a blank, and is unknown. An unknown function has no effect, and
-    `unknown` is called with its name.
+    Exactly one character is skipped after each `)`, and none before the first function. Any other
+    blank before a function becomes part of its name, which is then unknown. An unknown function has
+    no effect, and `unknown` is called with its name.
 
     Raises `ValueError` for a missing `)`, for `matrix` with fewer than 6 numbers, and for numbers
     that are not finite in float32.

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from ....scene import Scene
 
 VISIBLE = 8 / 255
-"""Error of a colour channel at a corner, in 0..1, above which a second gradient is written."""
+"""Error of a colour channel at a corner, in 0..1, above which a second gradient may be written."""
 
 INSET = 0.3
 """Distance, in pixels, by which both ends of the first gradient are moved inwards.
@@ -42,8 +42,8 @@ class GradientLines(NamedTuple):
     - `start`, `end`: ends of a line in the direction in which the function grows, in pixels. The
       line reaches from the least to the greatest value of the function in the triangle.
     - `low`, `high`: the least and the greatest value in the triangle, at `start` and at `end`.
-    - `is_valid`: False for a function that is constant, and for a triangle of almost no area, which
-      have no such line.
+    - `is_valid`: whether there is such a line. There is none for a function that is constant, nor
+      for a triangle without area.
     """
 
     start: Float[np.ndarray, "triangles 2"]
@@ -58,11 +58,13 @@ class Gradients(NamedTuple):
 
     - `mean`: mean of the corner colours, `[triangles, 3 or 4]`. It is the colour of a triangle
       whose `first.is_valid` is False, which has no gradient.
-    - `first`, `first_colors`: line of the first gradient, whose ends lie `INSET` pixels inside the
-      triangle; and the colours at its start and at its end, `[triangles, 3 or 4]` each.
+    - `first`, `first_colors`: line of the first gradient, whose ends have been moved inwards by
+      `INSET`; and the colours at its start and at its end, `[triangles, 3 or 4]` each. The line is
+      also not valid where the colours are nearly equal (`_FLAT`).
     - `second`, `second_colors`: line of the second gradient, and the colours at its start and at
       its end, `[triangles, 3]` each.
     - `second_grey`: where on its line the second gradient is grey: 0 at the start, 1 at the end.
+      It has a meaning only if `has_second` is true.
     - `has_second`: whether a triangle needs the second gradient, whose blend mode is `hard-light`.
     - `shown`: the corner colours that both gradients produce together, without the inset,
       `[triangles, 3, 3 or 4]`.
@@ -82,8 +84,8 @@ def in_browsers(scene: Scene) -> Scene:
     """Give a scene the colours in which a browser shows `write_svg(..., fallback=True)`.
 
     Corner colours become the colours that the gradients can produce, clipped to 0..1. Antialiasing
-    is not modelled. Textured triangles, which no browser draws, are left unchanged, and so is a
-    scene with one colour per triangle.
+    is not modelled. Textured triangles, which no browser draws, keep their colours. A scene with
+    one colour per triangle is returned unchanged.
     """
     colors = np.asarray(scene.colors)
     if colors.shape[1] == 1:

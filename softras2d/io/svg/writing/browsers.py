@@ -2,8 +2,8 @@
 
 Each element, or one around it, has the attribute `data-fallback`, by which `read_svg` skips it. The
 only exception is the group around triangles that tile the canvas, since `read_svg` must read these.
-Renderers need only plain SVG 1.1. Elements that need a blend mode are hidden, unless the style
-sheet finds that the renderer supports the mode.
+Renderers need only plain SVG 1.1. Second gradients, which need a blend mode, are hidden unless
+the style sheet finds that the renderer supports the mode.
 """
 
 import math

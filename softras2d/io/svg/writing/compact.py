@@ -1,7 +1,7 @@
 """Writes flat triangles as few, short paths, for small SVG files.
 
-Triangles of one colour become one path. A triangle may join an earlier path of its colour if
-nothing that is drawn between the two touches it, so that the image stays the same.
+A triangle joins an earlier one of its colour if nothing that is drawn between the two may touch it,
+so that the image stays the same.
 """
 
 from typing import NamedTuple
@@ -32,8 +32,8 @@ def compact_elements(
 ) -> list[str]:
     """Make the elements of flat triangles; triangles of one colour share an element where possible.
 
-    A triangle joins an earlier one only if no triangle drawn between them may touch it, so that the
-    image stays the same.
+    A triangle joins an earlier one only if the bounding boxes of triangles drawn between them do
+    not touch its own, so that the image stays the same.
 
     - `corners`: in pixels, in draw order.
     - `colors`: one per triangle, sRGB in 0..1, with 3 or 4 channels; alpha is straight.
@@ -124,9 +124,9 @@ def _touches(box: Int[np.ndarray, "4"], others: Int[np.ndarray, "boxes 4"]) -> n
 def _element(group: _Group, units: Int[np.ndarray, "triangles 3 2"], digits: int) -> str:
     """The text of the element that draws the triangles of a group.
 
-    Opaque triangles are one `<path>`. Translucent ones are a `<g>` with a path each, because
-    overlaps within one path would be painted only once. `units` are the corners of the triangles of
-    all groups, in units of 10^-digits pixels.
+    Opaque triangles are one `<path>`. Several translucent ones are a `<g>` with a path each,
+    because overlaps within one path would be painted only once. `units` are the corners of the
+    triangles of all groups, in units of 10^-digits pixels.
     """
     paths = [triangle_path(units[triangle], digits) for triangle in group.triangles]
     if "opacity" in group.paint and len(paths) > 1:

@@ -27,9 +27,11 @@ def write_svg_film(
     """Write the scenes of a film, such as the results of `fit_frames`, as an SVG that repeats.
 
     Each triangle is a `<polygon>` whose corners and colour are changed by SMIL animations. The
-    background is a `<rect>` below the triangles, which is animated too.
+    background is a `<rect>` below the triangles, which is animated too. What stays the same in all
+    frames is not animated.
 
-    - `scenes`: one for each frame, with arrays of equal shapes. Triangle k of all scenes is the
+    - `scenes`: one for each frame, with equal numbers of triangles, of colours per triangle, and of
+      channels of colours and of backgrounds. Triangle k of all scenes is the
       same triangle at different times. Colours are flat: a triangle with corner colours is written
       in their mean.
     - `height`, `width`: size of the canvas, in pixels.
@@ -40,8 +42,8 @@ def write_svg_film(
       They still jump from the last frame to the first.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
-    scenes of unequal shapes, scenes with textures, `depth` or `inverse_w`, and values that cannot
-    be written.
+    scenes in which these numbers differ, scenes with textures, `depth` or `inverse_w`, values that
+    cannot be written, and a file that cannot be written.
     """
     path = Path(path)
     check_writable_path(path)

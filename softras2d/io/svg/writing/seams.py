@@ -108,7 +108,7 @@ def shares_edge(points: Float32[np.ndarray, "triangles 3 2"]) -> Bool[np.ndarray
 def seams(
     points: Float32[np.ndarray, "triangles 3 2"], coordinates: np.ndarray, colors: list[str]
 ) -> dict[int, str]:
-    """Make a `<g>` of seam lines for each connected component of a mesh of opaque triangles.
+    """Make a `<g>` of seam lines for each component of opaque triangles connected by shared edges.
 
     A seam line runs along an edge that triangles share, in the colour of the first of them. Drawn
     below the triangles, it hides the gap that antialiasing leaves between them.

@@ -16,7 +16,7 @@ def to_units(positions: Float[np.ndarray, "*shape"], digits: int) -> Int[np.ndar
 
 
 def unit_text(units: int, digits: int) -> str:
-    """The shortest decimal text of `units` * 10^-digits, such as `-.25` for -25 and 2 digits."""
+    """The text of `units` * 10^-digits without needless zeros: `-.25` for -25 and 2 digits."""
     sign, all_digits = "-" if units < 0 else "", str(abs(units)).rjust(digits + 1, "0")
     point = len(all_digits) - digits
     integer, fraction = all_digits[:point], all_digits[point:].rstrip("0")
@@ -28,7 +28,7 @@ def unit_text(units: int, digits: int) -> str:
 def join_numbers(numbers: list[str]) -> str:
     """Join the texts of numbers to one text for path data, with a blank between two numbers.
 
-    There is no blank before a negative number, as its sign separates it.
+    There is no blank before a negative number, since its sign separates it.
     """
     return "".join(
         text if index == 0 or text[0] == "-" else f" {text}" for index, text in enumerate(numbers)

@@ -1,8 +1,8 @@
-"""Writes scenes as SVG files that `read_svg` reads back without loss.
+"""Writes scenes as SVG files that `read_svg` reads back, without loss unless they are rounded.
 
 Flat triangles become polygons, which any browser shows. Triangles with corner colours or textures
-become the additional elements `colortri` and `textri`, which only `read_svg` knows. Every number is
-the shortest decimal from which the same float32 is read back.
+become the additional elements `colortri` and `textri`, which only `read_svg` knows. Unless
+`digits` are given, every number is read back as the same float32.
 """
 
 import os
@@ -51,9 +51,9 @@ def write_svg(
     - A background other than white becomes a `<rect>` over the whole canvas before all triangles.
 
     `fallback=True` lets browsers show corner colours approximately. Before each `<colortri>` comes
-    a path with the nearest linear gradient. A second path follows where the colour error of the
-    first exceeds 8/255 (`browser_gradients.VISIBLE`). `in_browsers` gives the scene that browsers
-    then show.
+    a path with the nearest linear gradient. A second path, for opaque triangles only, corrects
+    colour errors of more than 8/255 (`browser_gradients.VISIBLE`). `in_browsers` gives the scene
+    that browsers then show.
 
     `digits` makes the file small: coordinates are rounded to so many decimals, 0 to 6, colours of
     triangles to 8 bits, and their alpha to 1/1000. Flat triangles then become paths with relative
@@ -75,9 +75,10 @@ def write_svg(
     since an SVG has no background.
 
     Files are written completely or not at all. Raises `ValueError`, and writes nothing, for a batch
-    of scenes, for values that are not finite in float32, for a folder that does not exist, and for
-    what SVG cannot represent: `depth`, `inverse_w`, textured triangles that are not white, textures
-    that do not clamp or have addressing other than `"half_texel"`, and texels outside 0..1.
+    of scenes, for values that are invalid or not finite in float32, for `height`, `width` or
+    `digits` out of range, for a folder that does not exist, and for what SVG cannot represent:
+    `depth`, `inverse_w`, textured triangles that are not white, textures that do not clamp or have
+    addressing other than `"half_texel"`, and texels outside 0..1.
     """
     path = Path(path)
     if isinstance(scene, SvgControls):
@@ -293,7 +294,7 @@ def _base_levels(stem: str, textures: TexturePyramid) -> dict[str, np.ndarray]:
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:
-    """Write a texture in 0..1 as PNG, with 8 bits per channel if that is exact, else with 16.
+    """Write a texture in 0..1 as PNG, with 8 bits per channel if that is exact to 1e-6, else 16.
 
     `image` is `[height, width, 3 or 4]` with straight alpha. Raises `ValueError` if the file cannot
     be written.

@@ -63,7 +63,8 @@ class Assets:
 
         `href` is a `data:` URI, or the percent-encoded name of a file. The image is read, and
         appended to `textures`, at its first use. Raises `ValueError` for an image that cannot be
-        read. Such an image is not tried again: later calls raise the same message.
+        read. Such an image is not tried again: later calls raise the same message. A
+        `BudgetError`, for images that are too large, is raised anew.
         """
         if href in self._unreadable:
             raise ValueError(self._unreadable[href])
@@ -133,8 +134,8 @@ class Assets:
     def _path(self, name: str) -> Path:
         """The absolute path of the file `name`, which is relative to the folder of the document.
 
-        Symbolic links are resolved. Raises `ValueError` for an empty name or a URL, and unless the
-        file exists and lies in the folder `root` of the constructor.
+        Symbolic links are resolved. Raises `ValueError` for an empty name or a URL, if there is
+        no folder, and unless the file exists and lies in the folder `root` of the constructor.
         """
         if not name:
             raise ValueError("the name of the file is empty.")
@@ -160,7 +161,8 @@ class Assets:
 def _embedded(uri: str) -> bytes:
     """Decode the bytes of a `data:` URI that is an image in base64; they are those of its file.
 
-    Raises `ValueError` for text that is not base64, and for media other than raster images.
+    Raises `ValueError` for text that is not base64, and for media other than raster images. A URI
+    without a media type is accepted.
     """
     uri = uri.lstrip()
     header = _DATA.match(uri)

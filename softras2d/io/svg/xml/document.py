@@ -1,4 +1,4 @@
-"""Parses XML element by element, safely: no entities, no network, errors with line numbers.
+"""Parses XML element by element, safely: few entities, no network, errors with line numbers.
 
 Expat is the parser of Python's standard library. It fetches nothing by itself: files that a doctype
 refers to are not read. Entities may be declared only if they are short texts that refer to nothing,
@@ -59,9 +59,9 @@ class Children(enum.Enum):
     """How `walk` treats the children of an element.
 
     - `READ`: like any element: they are passed to `Reader.open`, and `Reader.close` follows.
-    - `NAMED`: direct children are passed to `Reader.inside` alone, and what they contain is
+    - `NAMED`: direct children are passed to `Reader.inside` alone, and elements inside of them are
       ignored.
-    - `SKIPPED`: nothing inside the element is passed on.
+    - `SKIPPED`: no elements inside the element are passed on.
     """
 
     READ = "opened and closed like any element"
@@ -117,7 +117,7 @@ class SvgError(ValueError):
 
 
 def in_one_line(text: str) -> str:
-    """Replace each line break in a text by a blank, since attributes may contain line breaks."""
+    """Replace line breaks inside a text by blanks, since attributes may contain line breaks."""
     return " ".join(text.splitlines())
 
 
@@ -140,8 +140,8 @@ def load(path: str | os.PathLike[str]) -> Document:
 def from_text(text: str | bytes, name: str) -> Document:
     """Make a document of its text, which belongs to no folder; errors call the document `name`.
 
-    Bytes may be compressed (`.svgz`). Raises `SvgError` for a document that is too large, or that
-    cannot be decompressed.
+    Bytes may be compressed (`.svgz`). A `str` becomes UTF-8. Raises `SvgError` for a document that
+    is too large, or that cannot be decompressed.
     """
     return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
 
@@ -181,7 +181,7 @@ LIBRARY_ERRORS = (ArithmeticError, MemoryError, RecursionError, shapely.errors.S
 
 
 _MAX_REASON = 500
-"""Maximum length of an error message, in characters.
+"""Number of characters after which an error message is cut.
 
 Messages quote attributes, which may be huge.
 """
@@ -207,7 +207,7 @@ def reason(error: Exception) -> str:
 def walk(
     document: Document, reader: Reader, budget: Budget | None = None, with_text: bool = False
 ) -> None:
-    """Parse a document, and pass every element to `reader`, in document order.
+    """Parse a document, and pass its elements to `reader`, in document order.
 
     - `budget`: charged for attributes; None for a new budget.
     - `with_text`: whether text between tags is passed on too, and short entities may be declared.

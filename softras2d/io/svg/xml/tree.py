@@ -29,7 +29,7 @@ class Element:
     - `name`: local name in the namespace of SVG, which is the default namespace if the document
       declares none; empty for elements of other namespaces.
     - `tag`: the name as written, for messages.
-    - `attrib`: values of attributes without a namespace, and `href` of XLink if there is no other
+    - `attrib`: values of attributes without a prefix, and `href` of XLink if there is no other
       `href`.
     - `parent`: the element that contains this one; None for the root.
     - `line`: line number of the start tag.
@@ -182,7 +182,8 @@ def _without_namespaces(attributes: Attributes, scope: dict[str, str]) -> Attrib
     """The attributes without a prefix, and `href` of XLink unless there is another `href`.
 
     The `href` of XLink is renamed to `href`; all other attributes with a prefix are left out.
-    `scope` maps the prefixes that are known in the element to their namespaces.
+    `scope` maps the prefixes that are known in the element to their namespaces. The prefix `xlink`
+    means XLink even if it is not declared.
     """
     if not any(":" in name for name in attributes):
         return attributes
