@@ -3,9 +3,9 @@
 A few bytes of a drawing can cause any amount of work: a polygon that crosses itself everywhere, a
 round join of a huge radius, an image of 16384 x 16384 pixels. Each time a document is read, one
 `Budget` is created. Code that does work first charges the budget for it, so that a file beyond a
-limit is refused before most of the work is done. Work that no limit
-counts takes time about linear in the size of the file, apart from a logarithmic factor. The limits
-are far above what ordinary drawings need.
+limit is refused before most of the work is done. Work that no limit counts takes time about linear
+in the size of the file, apart from a logarithmic factor. The limits are far above what ordinary
+drawings need.
 """
 
 from collections.abc import Sequence

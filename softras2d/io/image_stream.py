@@ -25,7 +25,7 @@ _FILE_TILE = 512
 
 
 def check_stream(path: Path) -> None:
-    """Raise `ValueError` if `path` has another suffix, or is a folder or lies in none."""
+    """Raise `ValueError` for a suffix not in `STREAMABLE`, and as `check_writable_path` does."""
     if path.suffix.lower() not in STREAMABLE:
         raise ValueError(
             f"{path}: the suffix of a tiled image must be one of {', '.join(STREAMABLE)}."

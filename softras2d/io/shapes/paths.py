@@ -91,7 +91,7 @@ class FlatPath(NamedTuple):
     - `controls`, `weights`: indices in `Path.points` of four control points, and their weights.
       Each point is the weighted sum of its control points. Where a weight is 0, the index is
       arbitrary. Indices of -1 mean that the point is not such a sum, because it lies inside an
-      arc, or that its segment has a fixed point.
+      arc, or because its segment has a fixed point.
     """
 
     points: Float[np.ndarray, "n 2"]

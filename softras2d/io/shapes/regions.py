@@ -54,8 +54,8 @@ def united(regions: Sequence[Any], budget: Budget) -> Any:
 def grown(region: Any, distance: float, budget: Budget) -> Any:
     """A region with its border moved outwards by `distance`, in the units of its coordinates.
 
-    The region must not be empty. Corners are mitred, up to a limit of 2. Polygons that
-    then overlap are united.
+    The region must not be empty. Corners are mitred, up to a limit of 2. Polygons that then
+    overlap are united.
     """
     _charge(budget, region, weight=2 * _UNION_COST)
     # One polygon at a time: GEOS 3.14 takes 23 s for 33,000 dashes at once, and 1 s like this.

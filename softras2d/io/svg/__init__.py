@@ -22,5 +22,5 @@ These terms have the same meaning in all folders:
 - The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`.
 - The *draw order* of shapes is back to front, and indices in draw order begin with 0.
 - The *budget* limits the work that a document may cause (`io/budget.py`). Work is *charged* to it
-  before it is done, which raises `BudgetError` beyond a limit.
+  before it is done, or in bounded blocks, which raises `BudgetError` beyond a limit.
 """
