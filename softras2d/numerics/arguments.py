@@ -1,4 +1,4 @@
-"""Checks the types of arguments.
+"""Checks the types and ranges of arguments.
 
 This module does not load JAX, so that the command line can check its arguments first.
 """
@@ -27,7 +27,7 @@ def checked_integer(name: str, value: Any, minimum: int, maximum: int | None = N
 
 
 def check_type(name: str, value: Any, expected: type, made_by: str = "") -> None:
-    """Raise `ValueError`, which names the type that was given, unless it is the expected one.
+    """Raise `ValueError` unless `value` is an instance of `expected`; the message names both types.
 
     - `name`: the argument's name, for the message.
     - `made_by`: text of the call that returns such an object, for the message.

@@ -24,8 +24,8 @@ def repeat(
 
     Returns the state after the last step. Under `jax.vmap` every element of the batch takes as many
     steps as the element with the greatest `count`. So `step` is also called with numbers of `count`
-    or more, and must then return the state unchanged. Not differentiable in reverse mode, like
-    every loop whose number of steps is a value.
+    or more, and must then return the state unchanged. Not differentiable in reverse mode if `count`
+    is traced.
     """
     return jax.lax.fori_loop(0, greatest_of_batch(count), step, state)
 
@@ -47,7 +47,8 @@ def apply_if_any(
 def greatest_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
     """Return the greatest number in the batch; without `jax.vmap`, the number itself.
 
-    The result is the same for all elements of the batch. Not differentiable: apply it to integers.
+    The result is the same for all elements of the batch. In nested batches it is the greatest of
+    all.
     """
     return number
 

@@ -26,14 +26,15 @@ def map_blocks(
     - `function`: maps a block to results with the same leading axis. It must treat all entries
       alike and independently.
     - `entries`: a tree of arrays with a common leading axis.
-    - `used_count`: only blocks that hold some of the first `used_count` entries are computed; the
-      results of later blocks are 0.
+    - `used_count`: only results of the first `used_count` entries are needed. Blocks without such
+      entries are skipped, and their results are 0; in a batch, a block is skipped only if all
+      elements of the batch can skip it.
     - `size`: number of entries in a block.
 
     On devices other than the CPU, and for at most `size` entries, all entries are computed as one
     block, whatever `used_count` is; other devices need many entries at once.
 
-    Not differentiable in reverse mode.
+    Not differentiable in reverse mode, unless there is only one block.
     """
     count = jax.tree.leaves(entries)[0].shape[0]
     if count <= size or jax.default_backend() != "cpu":

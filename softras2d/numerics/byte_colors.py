@@ -19,8 +19,8 @@ _PACKAGE = str(Path(__file__).parent.parent)
 def refuse_integer_bytes(name: str, colors: Any) -> None:
     """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
-    The message begins with `name`. Under a trace values are not known, so all unsigned integers are
-    refused there as bytes, and signed ones are accepted. Floats are not checked.
+    The message begins with `name`. The values of traced colours are not known, so all unsigned
+    integers are refused there as bytes, and signed ones are accepted. Other dtypes are not checked.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
         return
@@ -33,11 +33,11 @@ def refuse_integer_bytes(name: str, colors: Any) -> None:
 
 
 def warn_of_bytes(arrays: dict[str, Any]) -> None:
-    """Warn of colours that look like bytes, in one `UserWarning` that names their arrays.
+    """Warn of colours that look like bytes, in one `UserWarning` that names up to three arrays.
 
-    `arrays` maps names to colours `[..., 3 or 4]`. They look like bytes if red, green and blue are
-    whole numbers in 0..255, and the largest is above 1.5, whatever alpha is. Traced colours never
-    do, as their values are not known.
+    `arrays` maps names to colours `[..., 3 or 4]`. An array looks like bytes if all its reds,
+    greens and blues are whole numbers in 0..255, and the largest is above 1.5, whatever alpha is.
+    Traced colours never do, as their values are not known.
     """
     names = [name for name, colors in arrays.items() if _look_like_bytes(colors)]
     if names:
@@ -50,7 +50,7 @@ def warn_of_bytes(arrays: dict[str, Any]) -> None:
 
 
 def _look_like_bytes(colors: Any) -> bool:
-    """Whether colours look like bytes by the rule of `warn_of_bytes`; false under a trace."""
+    """Whether colours look like bytes by the rule of `warn_of_bytes`; false if they are traced."""
     if isinstance(colors, Tracer):
         return False
     rgb = np.asarray(colors)[..., :3]
@@ -61,7 +61,10 @@ def _look_like_bytes(colors: Any) -> bool:
 
 
 def _level_of_caller() -> int:
-    """Find the `stacklevel` at which a warning names the first caller outside the package."""
+    """Find the `stacklevel` at which a warning names the first caller outside the package.
+
+    It is the level for a warning that the caller of this function issues.
+    """
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back

@@ -17,10 +17,11 @@ def keep_compiled_programs() -> None:
     """Make JAX keep compiled programs on disk, so that the next process loads them.
 
     Call it before the first render; the command line does so by itself. The programs are kept in
-    the user's cache folder, if it can be written to. If that folder has grown beyond 512 MiB, its
-    oldest programs are deleted first. Where the user has set another folder
-    (`JAX_COMPILATION_CACHE_DIR`), this function does nothing. Several processes may share the
-    cache: JAX compiles again if it cannot read an entry.
+    `cache_folder()`, which is created if it does not exist. If it holds more than 512 MiB, its
+    oldest programs are deleted first. Nothing is kept if there is no such folder that can be
+    written to. Where a folder is set already (by `JAX_COMPILATION_CACHE_DIR`, for instance), this
+    function does nothing. Several processes may share the cache: JAX compiles again if it cannot
+    read an entry.
 
     JAX keeps no program that calls the host, and a program that raises an error on overflow
     (`plan(..., on_overflow="raise")`) does so. Programs with `on_overflow="nan"` or
@@ -49,9 +50,9 @@ def keep_compiled_programs() -> None:
 def cache_folder() -> Path:
     """Path of the folder in which compiled programs are kept.
 
-    It lies in the cache folder of the user's system, and is for this type of processor only. It is
-    not created here. `XDG_CACHE_HOME` is honoured on every system. Raises `RuntimeError` if there
-    is no home folder.
+    It lies in the user's cache folder, and is for this type of processor only. It is not created
+    here. If `XDG_CACHE_HOME` is an absolute path, it is the user's cache folder on every system.
+    Raises `RuntimeError` if the path depends on the home folder and there is none.
     """
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     # Relative paths are to be ignored (XDG Base Directory Specification).

@@ -27,7 +27,8 @@ def to_device(value: Any, dtype: Any = None) -> Array:
 
     A `dtype` of None keeps the dtype of `value`. JAX arrays and tracers that already have the dtype
     are returned as they are; host arrays are always copied. Without `jax_enable_x64`, 64-bit
-    numbers become 32-bit numbers, as with `jnp.asarray`.
+    numbers become 32-bit numbers, as with `jnp.asarray`. Floats too large for the dtype become
+    infinite.
     """
     dtype = None if dtype is None else jax.dtypes.canonicalize_dtype(dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype):
@@ -45,7 +46,8 @@ def to_device(value: Any, dtype: Any = None) -> Array:
 def to_host(value: Any) -> Any:
     """Convert a concrete value to a NumPy array, so that later operations compile nothing.
 
-    Tracers are returned as they are; lists and tuples with tracers become JAX arrays.
+    NumPy arrays and tracers are returned as they are, not copied. Lists and tuples with tracers
+    become traced arrays.
     """
     if isinstance(value, Tracer):
         return value

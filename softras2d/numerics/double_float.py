@@ -2,10 +2,11 @@
 
 The value of a pair (high, low) is the exact sum of its two floats, and `low` is at most half a unit
 in the last place of `high`. Relative errors are about 2^-44 for float32; those of a sum or a
-difference are relative to its larger term. Written for numpy and jax arrays alike.
+difference are relative to its larger term. All this, and what is called exact below, holds as long
+as nothing overflows or underflows. Written for numpy and jax arrays alike.
 
-Products split their factors and would overflow in the split, so everything that multiplies
-(`product_of`, `multiply`, `divide`, `cross`) takes numbers below 2^100 in size.
+Products split their factors, and the split of a large factor would overflow. So everything that
+multiplies (`product_of`, `multiply`, `divide`, `cross`) takes numbers below 2^100 in size.
 
 XLA may contract a product and a sum into one operation with one rounding. Every formula here stays
 correct to that precision with or without it.
@@ -41,7 +42,7 @@ def sum_of(a: Any, b: Any) -> Pair:
 def product_of(a: Any, b: Any) -> Pair:
     """Compute the exact product of two floats, as a pair (high, low).
 
-    Both factors must be below 2^100 in size: larger ones overflow when they are split.
+    Both factors must be below 2^100 in size.
     """
     high = a * b
     (a_high, a_low), (b_high, b_low) = _halves(a), _halves(b)
@@ -110,7 +111,7 @@ def _normalized(high: Any, low: Any) -> Pair:
 
 
 def _halves(x: Any) -> Pair:
-    """Split x into two floats, each with half of its binary digits, whose sum is exactly x."""
+    """Split x into two floats, each with at most half of its digits, whose sum is exactly x."""
     digits = np.finfo(x.dtype).nmant + 1
     spread = x * (2.0 ** (digits - digits // 2) + 1.0)
     high = spread - (spread - x)

@@ -119,7 +119,8 @@ def _transpose(cotangent, x, *leaves, pair: _MapAndTranspose):
 def _batch(arguments, axes, *, pair: _MapAndTranspose):
     """Apply the map to a batch, whose axis is moved to the front of all batched arguments.
 
-    `axes` has the batch axis of each argument, or None. Returns the result and its batch axis, 0.
+    `axes` has the batch axis of each argument, or None. An x without a batch axis is repeated.
+    Returns the result and its batch axis, 0.
     """
     x, *leaves = arguments
     size = next(a.shape[d] for a, d in zip(arguments, axes, strict=True) if d is not None)

@@ -2,8 +2,8 @@
 
 `jnp.cumsum` becomes a tree of window reductions on the CPU, which take longer to compile and to
 run. Here a vector is scanned in doubling steps. A vector of more than 32,768 entries is split into
-rows of 64. Each row is scanned in six steps, then the last entries of the rows are scanned
-likewise, and each row is combined with the total of all rows before it.
+rows of 64. Each row is scanned in six steps, then the vector of their last entries is scanned as
+one row, and each row is combined with the total of all rows before it.
 
 **Source:** Hillis and Steele, *Data Parallel Algorithms* (CACM 29(12), 1986), "Sum of an array".
 """
@@ -23,7 +23,7 @@ two, and its additional steps are cheap while the vector fits the cache."""
 
 
 def cumulative_sum(x: Int[Array, " n"]) -> Int[Array, " n"]:
-    """Inclusive prefix sum: entry i of the result is x[0] + ... + x[i], modulo 2^32."""
+    """Inclusive prefix sum: entry i of the result is x[0] + ... + x[i], wrapped to x's dtype."""
     return _scan(x, jnp.add)
 
 
@@ -33,7 +33,8 @@ def list_flagged(
     """List the indices of the flags that are true, in ascending order, and count them.
 
     Returns the list, of length `capacity`, and the number of true flags. Entries of the list after
-    the last index are `n`, the number of all flags. `capacity` must be `n` or more.
+    the last index are `n`, the number of all flags. `capacity` must be `n` or more, and `n` must
+    not be 0.
     """
     size = flags.shape[0]
     end = cumulative_sum(flags.astype(jnp.int32))

@@ -34,8 +34,8 @@ def visit_selected(
       "drop".
 
     Lanes are visited in ascending order. Returns the state after the last group, which is `state`
-    if no lane is selected. Not differentiable in reverse mode. Under `jax.vmap`, `visit` is also
-    called with groups in which all entries are unused.
+    if no lane is selected. Not differentiable in reverse mode if `selected` is traced. Under
+    `jax.vmap`, `visit` may also be called with groups in which all entries are unused.
     """
     capacity = selected.size + -selected.size % _GROUP
     indices, count = materialized(functools.partial(list_flagged, capacity=capacity))(selected)
