@@ -58,7 +58,8 @@ def check_map(map3: Any) -> np.ndarray:
     """Convert a matrix to float64; raise `ValueError` unless it is 3x3, finite and invertible.
 
     Whether it is invertible, up to float64 roundings, is decided after its rows and columns are
-    scaled to comparable size. The returned matrix is not scaled. The message names `transform`.
+    scaled to comparable size. The returned matrix is not scaled, and is `map3` itself if that is a
+    float64 array.
     """
     map3 = np.asarray(map3, np.float64)
     if map3.shape != (3, 3):
@@ -71,8 +72,8 @@ def check_map(map3: Any) -> np.ndarray:
 def _equilibrated(map3: np.ndarray) -> np.ndarray:
     """Scale the rows of a matrix, then its columns, so that the largest entry of each is 1 in size.
 
-    Rows and columns of zeros stay as they are. Whether the result is singular then does not depend
-    on the unit of the map's coordinates.
+    Rows and columns of zeros stay as they are. Whether the result is singular up to roundings then
+    hardly depends on the unit of the map's coordinates.
     """
     for axis in (1, 0):
         largest = np.abs(map3).max(axis, keepdims=True)

@@ -7,9 +7,12 @@ in which corners 1 and 2 may be exchanged.
 
 The weight of corner 1 or 2 is an edge function times the reciprocal of the sum. The edge function
 is an exact integer, the edge value (`WrappedValue`), plus a fraction. Converting the integer to a
-float rounds it once if it is below 2^31, and three times otherwise. So these weights have a
-relative error of a few roundings, however thin the triangle is. The weight of corner 0 is 1 minus
-the two others, so its absolute error is a few roundings of 1.
+float rounds it once if it is below 2^31 in size, and at most three times otherwise. So these
+weights have a relative error of a few roundings, however thin the triangle is. The weight of corner
+0 is 1 minus the two others, so its absolute error is a few roundings of 1.
+
+A triangle without area has equal weights. With the fill rule "top_left" it covers no sample, and
+its weights have no meaning.
 """
 
 from collections.abc import Callable
@@ -31,8 +34,9 @@ class Weights(NamedTuple):
 
     A slot is a triangle in a tile. For a triangle within the guard band, the weight of a corner at
     a sample is `per_value` times the value of the opposite edge function there, plus `offset`. For
-    a triangle that reaches past the band it is the value of `plane`. `weights_at` and `weight_sums`
-    evaluate the weights. Corners are those of the triangle reoriented to positive area.
+    a triangle that reaches past the band it is the clamped value of `plane`. `weights_at` and
+    `weight_sums` evaluate the weights. Corners are those of the triangle reoriented to positive
+    area.
 
     - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, as one `Edge`
       of arrays `[2, *slots]`. Their sample (0, 0) is the upper left one of the slot's tile.
@@ -159,7 +163,7 @@ def weights_at(
     `column` and `row` count samples from the tile's first one; they broadcast against the slot axes
     of `terms`. The weights may lie outside 0..1 at samples outside the triangle, except for
     triangles past the guard band, where they are clamped. Both are 1/3 for a triangle without area.
-    The results equal the sums of `weight_sums` with a count of 1, up to a rounding.
+    The results equal the sums of `weight_sums` with a count of 1, up to roundings.
     """
     dtype = terms.scale.dtype
     weights = []
@@ -185,7 +189,7 @@ def interpolate_corners(
     - `second_weight`, `third_weight`: weights of corners 1 and 2. The weight of corner 0 is 1 minus
       these two.
 
-    Where the three corners have the same value, the result is exactly that value.
+    Where the three corners have the same finite value, the result is exactly that value.
     """
     interpolated = corners[0] + second_weight * (corners[1] - corners[0])
     return interpolated + third_weight * (corners[2] - corners[0])

@@ -19,7 +19,8 @@ class Grid(NamedTuple):
     - `rate`: number of samples along the side of a pixel.
     - `bits`: vertices are snapped to multiples of 2^-bits pixel, the *grid unit*.
     - `margin`: how far the *guard band* extends beyond each side of the canvas, in pixels. Only
-      vertices in this band can be snapped; triangles that reach past it are cut (`guard_band`).
+      points in the band have coordinates in grid units, so triangles that reach past it are cut to
+      it (`guard_band`), or their corners are clamped to it.
     """
 
     height: int
@@ -45,7 +46,8 @@ class Grid(NamedTuple):
           so wide that the span of the longer side is exactly 2^23 units, so that few triangles of
           the larger canvas are cut. None means the default.
 
-        Raises `ValueError` for a size or `bits` that is no integer or outside its range.
+        Raises `ValueError` for a size or `bits` that is no integer or outside its range. `bits`
+        must be an integer of Python or NumPy.
         """
         try:
             height, width = operator.index(height), operator.index(width)

@@ -47,8 +47,9 @@ class GridTriangles(NamedTuple):
     - `dx`, `dy`: the vector from the start of each edge to its end.
     - `orientation`: sign of the area of the triangle as the scene gives it, -1, 0 or 1. The edges
       bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
-    - `left`, `right`, `top`, `bottom`: the bounding box, inclusive; empty (`left > right`) for
-      padding (`is_padding`) and for a triangle with a corner that is not finite.
+    - `left`, `right`, `top`, `bottom`: the bounding box of the corners, which are clamped to the
+      guard band; inclusive. It is empty (`left > right`) for padding (`is_padding`) and for a
+      triangle with a corner that is not finite.
     - `fixed_sign`: 0 for an edge whose line decides which samples are inside. Otherwise the line is
       ignored, and the edge value is this number everywhere, so that all samples are inside (1) or
       outside (-1).
@@ -197,9 +198,9 @@ def snapped_corners(
     """Snap vertices to the grid, subtract `origin`, and gather the corners of triangles.
 
     Coordinates are rounded to multiples of 2^-bits pixel, halves to even. Then `origin`, the point
-    of the scene at the canvas's upper left, is subtracted exactly. As snapping comes first, two
-    canvases with equal grid bits have the same snapped triangles whatever their origins are. Floats
-    beyond 2^30 pixels are multiples of the grid unit already.
+    of the scene at the canvas's upper left, is subtracted in double floats. As snapping comes
+    first, two canvases with equal grid bits have the same snapped triangles whatever their origins
+    are. Coordinates beyond 2^30 pixels are not rounded; in float32 they are multiples already.
     """
     xp = positions.__array_namespace__()
     dtype = positions.dtype
@@ -217,7 +218,7 @@ def snapped_corners(
 def _subtract_origin(
     snapped: Float[HostOrDeviceArray, "vertices 2"], origin: Int[HostOrDeviceArray, "2"]
 ) -> tuple[Float[HostOrDeviceArray, "vertices 2"], Float[HostOrDeviceArray, "vertices 2"]]:
-    """Subtract whole pixels from snapped coordinates; the difference is exactly `high` + `low`."""
+    """Subtract whole pixels from snapped coordinates; return `high` and `low` of the difference."""
     if isinstance(origin, np.ndarray) and not origin.any():
         return snapped, np.zeros_like(snapped)
     dtype = snapped.dtype
@@ -389,7 +390,7 @@ def last_sample_until(
 
 
 def within_guard(corners: Corners, grid: Grid) -> Bool[HostOrDeviceArray, " triangles"]:
-    """Whether all corners of each triangle lie in the guard band.
+    """Whether all corners of each triangle lie in the guard band, which includes its limits.
 
     It is also true for triangles that are not `Corners.finite`, as their corners are (0, 0).
     """

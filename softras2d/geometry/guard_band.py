@@ -275,7 +275,7 @@ def _near_canvas(
     end: tuple[HostOrDeviceArray, HostOrDeviceArray],
     grid: Grid,
 ) -> Bool[HostOrDeviceArray, "3 triangles"]:
-    """Whether each cut edge meets the grown canvas.
+    """Whether each cut edge meets the grown canvas, up to roundings.
 
     The grown canvas extends beyond the canvas on all sides by a pixel, or by a quarter of the
     longer side if that is less, so that it stays within the guard band. `start` and `end` are x and
@@ -348,7 +348,7 @@ def _cut_axis(
     rise = subtract(away[1 - axis], near[1 - axis])
 
     def moved_into_band(point: Point) -> Point:
-        """Return an end of the edge if it is in the band, else where the edge enters the band."""
+        """Return an end as it is if it is in the band along `axis`, else moved to the limit."""
         coordinate = point[axis][0]
         is_outside = (coordinate < low) | (coordinate > high)
         wall = pair_of(xp.where(coordinate < low, low, high).astype(coordinate.dtype))

@@ -40,7 +40,8 @@ class Projection(NamedTuple):
       band, `grid_triangles.orientation` is still the sign of its area before the cut.
     - `edges`: exact edge functions of edges 0, 1 and 2.
     - `bounds`: the samples of the canvas within the bounding box.
-    - `planes`: barycentric weights of triangles past the guard band; None if not asked for.
+    - `planes`: barycentric weights of triangles past the guard band; None unless `project` was
+      called with `cut` and `weights`.
     - `is_far`: whether the triangle reaches past the guard band.
     """
 

@@ -71,5 +71,5 @@ class Tiling(NamedTuple):
 
     @property
     def sample_columns(self) -> int:
-        """Number of sample columns in a tile, at most 32."""
+        """Number of sample columns in a tile, at most 32 for sampled coverage."""
         return self.width * self.grid.rate

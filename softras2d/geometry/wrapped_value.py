@@ -98,7 +98,10 @@ class WrappedValue(NamedTuple):
         return self.wrapped ^ (is_odd << 31), number * 2.0**31
 
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
-        """The value as a float, rounded once if it is below 2^31 in size, else three times."""
+        """The value as a float of `dtype`, with at most three roundings, or one below 2^31 in size.
+
+        In float64 it is exact.
+        """
         xp = self.estimate.__array_namespace__()
         difference = self.estimate - self.wrapped.astype(self.estimate.dtype)
         multiple = xp.round(difference * 2.0**-32)
