@@ -9,9 +9,9 @@ Every distinct set of capacities is compiled as a program of its own. Scenes of 
 few sets, however many triangles they have. So the number of slots in all chunks, on which most of
 the cost of a render depends, is rounded to a size class, and the capacities of strips, pairs and
 runs of crossings follow from it: they are that number times a power of two (for runs, also three
-quarters of one). The factor follows from the ratio of the needs, which is much the same for 100
-triangles as for 2,000. Plans of more than `Headroom.small_slots` slots, and all plans for analytic
-coverage, round each list to a size class of its own.
+quarters of one), or a least capacity. The factor follows from the ratio of the needs, which is much
+the same for 100 triangles as for 2,000. Plans of more than `Headroom.small_slots` slots, and all
+plans for analytic coverage, round each list to a size class of its own.
 """
 
 import math
@@ -93,7 +93,8 @@ class Headroom(NamedTuple):
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and runs are
       in proportion to the slots.
     - `list_all_slots`: if one slot for every triangle in every tile makes no more slots than this,
-      every tile lists every triangle, which costs less than making lists of as many slots.
+      with the number of triangles rounded up to a power of two, every tile lists every triangle.
+      That costs less than making lists of as many slots.
     """
 
     merge_cost: int
@@ -145,7 +146,8 @@ _MAX_CHUNKS_DIVISOR = 4
 """Divisor that is used for `Capacity.max_chunks` instead of `Headroom.divisor`."""
 
 _LEAST_RATIO = 0.25
-"""Least ratio of a capacity to the number of slots, where capacities are in proportion to slots."""
+"""Least ratio of the capacity for pairs or runs to the number of slots, where it is in proportion
+to the slots."""
 
 
 def choose_capacity(
@@ -160,6 +162,8 @@ def choose_capacity(
 
     The greatest length that any of the scenes needs is increased by the headroom, and rounded up to
     a size class, for each list by itself or in proportion to the slots (`Headroom.small_slots`).
+    Only two capacities may be 0: `fragments` if no scene needs any, and `runs` if `Counts.runs` is
+    None for all scenes.
 
     - `counts`: the list lengths that each scene needs.
     - `in_order`: whether lists are visited in order, for translucency or for the depth test. If
@@ -208,6 +212,7 @@ def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
     A chunk costs its number of slots, used or not, plus `Headroom.merge_cost`. The cost is summed
     over all scenes, of which `counts` has the list lengths. If with the smallest number no scene
     needs more than `Headroom.least_slots` slots, headroom included, the smallest number is chosen.
+    Of numbers with equal cost it is the smallest too.
     """
     chunks = {
         size: [int(_chunks_of_tiles(scene, size).sum()) for scene in counts] for size in CHUNK_SIZES

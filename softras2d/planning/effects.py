@@ -94,8 +94,8 @@ def _is_pixel_shaded(drawing: Drawing) -> bool:
 def _within_guard_band(drawing: Drawing) -> np.ndarray:
     """Whether each triangle lies within the guard band (`Grid.margin`), `[triangles]`.
 
-    The guard band is the canvas with a wide margin, in which vertices can be snapped to the grid.
-    The result is also true for triangles with a corner that is not finite.
+    The guard band is the canvas with a wide margin. The result is also true for padding and for
+    triangles with a corner that is not finite.
     """
     positions, triangles, origin = (
         np.asarray(array)

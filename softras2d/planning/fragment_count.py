@@ -24,10 +24,12 @@ _BATCH = 4096
 class ListedPairs(NamedTuple):
     """Pairs of a tile and a triangle that may show there, in any order.
 
-    A pair is left out if an opaque triangle in front covers the whole tile.
+    In a scene without depth, a pair is left out if an opaque triangle in front is known to cover
+    the whole tile.
 
     - `tile`, `triangle`: index of the tile and of the triangle.
-    - `covers_tile`: whether the triangle covers the whole tile.
+    - `covers_tile`: whether the triangle is known to cover the whole tile, or all of the tile that
+      lies on the canvas. False where rounding errors leave a doubt.
     """
 
     tile: np.ndarray
@@ -96,8 +98,9 @@ def count_fragments(
     - `pairs`: the pairs of a tile and a triangle that are listed.
     - `depth`: the depth of all triangles; None for a scene without depth.
 
-    With depth the result is an upper bound: where the depths of several triangles agree to within
-    their rounding errors, each of these triangles is counted.
+    The result is an upper bound in two cases. With depth, where the depths of several triangles
+    agree to within their rounding errors, each of these triangles is counted. In a tile that one
+    triangle covers, pixels beyond the canvas are counted too.
     """
     # A triangle that covers a tile and is alone in its list shows in each pixel of the tile.
     length = np.bincount(pairs.tile, minlength=tiling.count)
@@ -172,7 +175,7 @@ def _test_depth(
 
     `words_of` gives the samples that the triangles cover. The result is a function of the indices
     of pairs of these lists. Its first words have the covered samples at which the triangle may be
-    the nearest of its list, and its second words those at which it surely is the nearest. Rounding
+    the nearest of its list, and its second words those at which surely no other is nearer. Rounding
     errors, which differ between devices, decide which of two surfaces at nearly the same depth is
     nearer. So where depths agree to within their errors, all of the triangles may show.
     """

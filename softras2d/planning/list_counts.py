@@ -34,7 +34,8 @@ A pair takes some 70 bytes of memory.
 class Counts(NamedTuple):
     """Lengths that the lists of one scene need, as `Capacity` defines the lists.
 
-    A pair of a triangle and a tile is hidden if an opaque triangle in front covers the whole tile.
+    A pair of a triangle and a tile is hidden if an opaque triangle in front is known to cover the
+    whole tile. No pair is hidden in a scene with depth, or if signed areas are added.
 
     - `strips`, `pairs`: number of pairs of a triangle and a row of tiles, and of pairs of a
       triangle and a tile, including hidden pairs.
@@ -103,10 +104,9 @@ def sampled_list_lengths(
 ) -> Int[np.ndarray, "rows columns"]:
     """Number of triangles listed for each tile under sampled coverage.
 
-    A triangle is not listed for a tile that an opaque triangle in front of it covers completely.
-    The result has an entry for each row and column of tiles. `origin` is the point (x, y) of the
-    scene, in whole pixels, at the canvas's upper left. Raises `ValueError` for more than
-    `MOST_PAIRS` strips or pairs.
+    Hidden pairs of a triangle and a tile (`Counts`) are not listed. The result has an entry for
+    each row and column of tiles. `origin` is the point (x, y) of the scene, in whole pixels, at the
+    canvas's upper left. Raises `ValueError` for more than `MOST_PAIRS` strips or pairs.
     """
     tiling = Tiling.one_word_wide(grid)
     scene = jax.tree.map(np.asarray, scene)
@@ -120,8 +120,8 @@ def analytic_list_lengths(
 ) -> Int[np.ndarray, "rows columns"]:
     """Number of triangles listed for each tile under analytic coverage.
 
-    A triangle is not listed for a tile that an opaque triangle in front of it covers completely.
-    The result has an entry for each row and column of tiles.
+    Hidden pairs of a triangle and a tile (`Counts`) are not listed. The result has an entry for
+    each row and column of tiles.
 
     - `tiling`: the square tiles of the canvas.
     - `reach`: how far coverage extends beyond the edges, in pixels.
@@ -162,11 +162,11 @@ def _count_pairs(
 
     - `edges`: exact edge functions under sampled coverage, or edge lines under analytic coverage.
     - `bounds`: the samples that each triangle may touch, by its bounding box.
-    - `occluders`: whether each triangle is opaque wherever it covers.
+    - `occluders`: whether each triangle hides what is behind it wherever it covers.
 
     The listed pairs are those that `tiles.list_tiles` lists on the device: all pairs of a triangle
-    and a tile, except those where an occluder in front covers the whole tile. Fragments and runs
-    are not counted: the fields have their defaults.
+    and a tile, except those where an occluder in front is known to cover the whole tile. Fragments
+    and runs are not counted: the fields have their defaults.
     """
     pairs = find_pairs(
         edges,

@@ -23,9 +23,9 @@ _IN_ORDER = {"translucency", "depth test"}
 class Plan(eqx.Module):
     """How a scene, and scenes like it, are drawn; made by the function `plan`.
 
-    `print(plan)` shows all of it. Plans whose static fields are equal share one compiled program.
-    These values are arrays, which may change without compiling again: `origin`, `filter.lod_bias`,
-    and the `width` and the `temperature` of `Soft`.
+    `print(plan)` describes it. Plans whose static fields are equal share one compiled program for
+    scenes of the same shapes. These values are arrays, which may change without compiling again:
+    `origin`, `filter.lod_bias`, and the `width` and the `temperature` of `Soft`.
 
     - `height`, `width`: size of the canvas, in pixels.
     - `coverage`, `filter`: the options as chosen.
@@ -35,10 +35,11 @@ class Plan(eqx.Module):
     - `lists_all`: whether every tile lists every triangle, so that no list can be too short,
       whatever the number of triangles. `capacity` is then for the scenes planned for, and
       `capacity_of` computes it for other numbers of triangles.
-    - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need.
+    - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need; in the worst
+      case under `Hard`, always the guard band.
     - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
-      needs longer lists or reaches past the guard band, a wide margin around the canvas: `"raise"`
-      raises an error, `"nan"` only returns NaN.
+      needs longer lists or, under `Hard`, reaches past the guard band, a wide margin around the
+      canvas, which the plan does not expect: `"raise"` raises an error, `"nan"` only returns NaN.
     - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; None
       stands for the finest grid that fits the canvas.
     """
@@ -104,10 +105,12 @@ class Plan(eqx.Module):
         return worst_case(triangles, self.tiling, slots_per_chunk=self.capacity.slots_per_chunk)
 
     def holds(self, other: "Plan") -> bool:
-        """Whether this plan is large enough for all scenes for which the plan `other` is.
+        """Whether this plan is large enough for the scenes for which the plan `other` was made.
 
-        The two plans must be of the same canvas and options: this is not checked. The answer is
-        false for plans that cannot be compared, because their tiles or chunks differ in size.
+        The two plans must be of the same canvas and options: this is not checked. A plan that cuts
+        at the guard band fits only in one that cuts too. Apart from that, a plan of which every
+        tile lists every triangle holds all others. Else the capacities decide, and the answer is
+        false if they cannot be compared, because tiles or chunks differ in size.
         """
         if other.cuts_far_triangles and not self.cuts_far_triangles:
             return False

@@ -15,11 +15,12 @@ from .simplify_textures import base_is_enough, used_textures
 def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = None) -> Scene:
     """Remove from a scene what does not show on a canvas of `height` x `width` pixels.
 
-    The result draws the same image with less work under `Hard` and `Area("over")`. Under `Soft` the
-    image may change, because soft edges reach into the canvas from beyond it and depth mixes
-    colours. Under `Area("sum")` it may change if triangles with most of the area are removed, as
-    the sum of all areas decides which triangles are subtracted. The decisions are based on concrete
-    values, on the host, for a plan with `origin` (0, 0). Removed are:
+    The result draws the same image, up to roundings, with less work under `Hard` and
+    `Area("over")`. Under `Soft` the image may change, because soft edges reach into the canvas from
+    beyond it and depth mixes colours. Under `Area("sum")` it may change if triangles with most of
+    the area are removed, as the sum of all areas decides which triangles are subtracted. The
+    decisions are based on concrete values, on the host, for a plan with `origin` (0, 0) and the
+    default `grid_bits`. Removed are:
 
     - triangles that do not reach the canvas and, without depth, triangles of alpha 0;
     - depth that changes nothing, because no triangle lies deeper than one drawn before it;
@@ -27,13 +28,13 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     - `inverse_w`, if the three corners of each triangle have one value, or if nothing varies within
       a triangle;
     - textures that no triangle uses;
-    - alpha of texels, and alpha of colours, if it is 1 everywhere;
+    - alpha of texels, and alpha of colours, each if it is 1 everywhere;
     - levels above the base, of textures that are only magnified by the `filter` with which the
       scene will be drawn, or of all textures if that filter reads no other level. In perspective an
       upper bound on the footprint decides, which may keep levels that do not show.
 
     Without `filter` all levels are kept. Vertices keep their indices. Raises `ValueError` for
-    invalid values.
+    invalid values and for a batch. Not for use while tracing.
     """
     grid = Grid.for_canvas(height, width, 1)
     if filter is not None and not isinstance(filter, Filter):

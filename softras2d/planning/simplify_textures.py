@@ -55,9 +55,10 @@ def used_textures(
 def base_is_enough(scene: Scene, grid: Grid, filter: Filter | None) -> np.ndarray:
     """Whether, for each texture, no triangle reads more than the texture's base level.
 
-    The result is `[textures]`. The footprint of each snapped triangle decides, or, in perspective,
-    an upper bound on this footprint. If `filter` is None, the result is false for all textures. If
-    the filter reads level zero only, it is true for all.
+    The result is `[textures]`, true for a texture that no triangle uses. The footprint of each
+    snapped triangle decides, or, in perspective, an upper bound on this footprint. If `filter` is
+    None, the result is false for all textures. If the filter reads level zero only, it is true for
+    all.
     """
     assert scene.textures is not None and scene.uv is not None
     count, index = scene.textures.count, np.asarray(scene.texture_index)
@@ -110,8 +111,9 @@ def _level_of_detail(scene: Scene, grid: Grid, filter: Filter) -> np.ndarray:
 def _log2_extent(jacobian: np.ndarray, filter: Filter) -> np.ndarray:
     """Level of detail, without `lod_bias`, of texture footprints that are given by Jacobians.
 
-    It is log2 of the longer change, along x or along y. With an anisotropy above 1 it is log2 of
-    the longer axis of the footprint's ellipse, divided by the number of probes along this axis.
+    It is log2 of the longer change of (u, v), along x or along y. With an anisotropy above 1 the
+    longer axis of the footprint's ellipse is divided by the number of probes along this axis, and
+    the level is log2 of the quotient.
 
     `jacobian` is `[triangles, (u, v), (x, y)]`, in texels of the base level per pixel. Of `filter`,
     only `anisotropy` is used. The result is `[triangles]`, -inf where the Jacobian is 0.

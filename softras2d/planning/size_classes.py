@@ -39,8 +39,9 @@ def pad(scene: Scene) -> Scene:
     `render` pads concrete scenes by itself. A scene and the padded scene have the same plan. Within
     a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene. Accepts
     a batch, and arrays on the host or on the device; padded arrays are on the device. A scene
-    without triangles is returned unchanged; padding twice changes nothing. Raises `ValueError`
-    under a trace.
+    without triangles is returned unchanged. Padding a padded scene changes nothing, except perhaps
+    the number of vertices if the scene had more than 3 per triangle. Raises `ValueError` for a
+    traced scene, and for anything that is not a scene.
     """
     check_type("scene", scene, Scene)
     if is_traced(scene):

@@ -42,9 +42,9 @@ def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = 
 
 
 def limited(capacity: Capacity, triangles: int, tiling: Tiling) -> Capacity:
-    """Reduce each capacity to the greatest length that scenes of `triangles` triangles can need.
+    """Reduce each capacity to what `worst_case` gives for `triangles` triangles.
 
-    Smaller capacities stay as they are.
+    Smaller capacities stay as they are, and so does `slots_per_chunk`.
     """
     most = worst_case(triangles, tiling, slots_per_chunk=capacity.slots_per_chunk)
     return Capacity(*map(min, capacity, most))
