@@ -10,8 +10,8 @@ class BoundaryShape(NamedTuple):
 
     - `tiling`: the tiles into which the canvas is cut.
     - `channels`: number of channels of the image.
-    - `max_runs`: capacity of the list of runs of crossings (`runs.Runs`); runs beyond it add
-      nothing.
+    - `max_runs`: capacity of the list of runs of crossings (`runs.Runs`), which is rounded up to
+      whole blocks (`boundary_term`). Runs beyond it add nothing.
     - `max_chunks`: upper bound on the number of chunks (`binning.lists.Chunks`) of a tile, a power
       of two. Only the boundary term of opaque scenes uses it.
     - `max_list_length`: upper bound on the number of triangles in the list of a tile

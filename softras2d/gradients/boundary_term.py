@@ -223,8 +223,8 @@ def _for_all_crossings(
 ) -> Total:
     """Compute `total = add(total, jumps)` for the crossings of all edges that may be visible.
 
-    Crossings are processed in blocks of `_BLOCK` runs (`runs.Runs`). In an opaque scene, runs
-    that nearer triangles hide are removed first. Returns the last total.
+    Crossings are processed in blocks of at most `_BLOCK` runs (`runs.Runs`). In an opaque scene,
+    most runs that nearer triangles hide are removed first. Returns the last total.
     """
     block = min(_BLOCK, max(shape.max_runs, 1))
     blocks = -(-shape.max_runs // block)

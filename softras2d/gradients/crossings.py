@@ -141,7 +141,7 @@ def _cross_lines(run: Run, grid: Grid) -> _Lines:
 def _intersect(
     run: Run, grid: Grid
 ) -> tuple[Int[Array, "lines runs"], Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Find the last sample before each crossing, whether the crossing is on the canvas or not.
+    """Find the last sample before each crossing; for crossings off the canvas it has no meaning.
 
     Returns the number of the sample on its line, the position of the crossing along the edge, 0..1,
     and whether the crossing, as computed in floats, is on the canvas and on a line of the run.

@@ -9,9 +9,9 @@ The transmittance in front of the triangle may differ between the two samples. T
 used, because a layer that ends between the samples has a crossing itself. Layers that cover both
 samples are counted once. Layers in front that cover the sample inside alone are visited in the same
 loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
-Otherwise, and if the two samples lie in different tiles, the few crossings with such layers are
-visited again in `layers_inside`. Layers that cover both samples have the transmittance and the
-depth of the sample outside, whether or not the samples lie in one tile.
+Otherwise the few crossings with such layers are visited again in `layers_inside`, and so are all
+crossings whose samples lie in different tiles. Layers that cover both samples have the
+transmittance and the depth of the sample outside, whether or not the samples lie in one tile.
 
 At the border of the canvas, both samples of a crossing may be the same sample. If the edge's
 triangle covers it, a triangle that is drawn later but lies deeper fails the depth test there, so it
@@ -148,8 +148,8 @@ class _SampleFlags(NamedTuple):
 
     - `is_inside_alone`: whether a layer drawn after the edge's triangle covers the sample inside
       alone.
-    - `covers_inside`, `covers_outside`: as in `EdgeGain`, except that the first is false where the
-      two samples lie in different tiles.
+    - `covers_inside`, `covers_outside`: as in `EdgeGain`. Where the two samples lie in different
+      tiles, `covers_inside` and `is_inside_alone` are false.
     """
 
     is_inside_alone: Bool[Array, "lines runs"]
@@ -166,8 +166,8 @@ def edge_gains(
 ) -> EdgeGain:
     """Compute the colour that each edge's triangle would add at the sample outside (`EdgeGain`).
 
-    `masks` are the layer masks of `samples.passed`. Not differentiable, because the number of steps
-    of the loops depends on values. The gain has no meaning where there is no valid crossing.
+    `masks` are the layer masks of `samples.passed`. Not differentiable in reverse mode, because the
+    numbers of steps depend on values. The gain has no meaning where there is no valid crossing.
     """
     where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
     shape = crossings.valid.shape

@@ -32,9 +32,8 @@ def colors_of_runs(
 ) -> Float[Array, "channels lines runs"]:
     """Compute the colour of a triangle at each sample of each run: one triangle per tile of a run.
 
-    The triangle need not cover the sample. Colours are returned as `surface.corners` has them,
-    usually with straight alpha, if `surface.is_flat`; else they are premultiplied. The surface must
-    not have textures.
+    The triangle need not cover the sample. Colours are returned as `surface.corners` has them if
+    `surface.is_flat`; else they are premultiplied. The surface must not have textures.
 
     - `triangle`: the triangle for the samples in the first and in the second tile of each run.
     - `sample`: the samples, in `tiles`.

@@ -169,7 +169,7 @@ class LayerColors(SampleColors):
     def of_surface(cls, surface: Surface) -> "LayerColors":
         """Make the colours of layers by shading the scene's triangles.
 
-        The colours of `surface` have straight alpha.
+        The colours of `surface` must have straight alpha, or no alpha.
         """
         color = surface.corners.color
         if surface.is_flat:

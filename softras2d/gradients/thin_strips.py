@@ -42,8 +42,8 @@ def ends_before_edge(
     - `shows_inside`: whether the edge's triangle is visible at the sample inside. Where it is not,
       the result is false.
 
-    At the border of the canvas both samples are the same, and show the edge's triangle. The result
-    is true there, so that what lies beyond the edge is searched for.
+    At the border of the canvas both samples may be the same. If that sample shows the edge's
+    triangle, the result is true, so that what lies beyond the edge is searched for.
     """
     triangle = jnp.maximum(triangle_outside, 0)
     reaches_edge = _covers_near(edges, triangle, crossings.outside, _offset_outside(crossings))
@@ -63,9 +63,9 @@ def fill_strips(
 
     The triangle is -1 for the background. Where `is_strip` is false, the results are
     `triangle_outside` and `is_visible` as they were given. Where it is true, every other triangle
-    in the list of the tile is tested at a point just outside the edge. The nearest one that covers
-    the point is the first result. The edge is visible if the edge's triangle lies in front of that
-    one, or if no other triangle covers the point.
+    in the list of the tile of the sample outside is tested at a point just outside the edge. The
+    nearest one that covers the point is the first result. The edge is visible if the edge's
+    triangle lies in front of that one, or if no other triangle covers the point.
 
     - `triangle_outside`: the triangle that is visible at the sample outside.
     - `is_visible`: whether the edge is visible, if no strip is taken into account.
@@ -133,7 +133,7 @@ def _offset_outside(
 def covers(
     edges: Edges, triangle: Int[Array, "*samples"], sample: Sample
 ) -> Bool[Array, "*samples"]:
-    """Whether each triangle covers its sample, by the exact test of coverage."""
+    """Whether each triangle, which must have an area, covers its sample, by exact edge values."""
     inside = jnp.ones(triangle.shape, bool)
     for edge in edges:
         inside = inside & edge.gather(triangle).at(*sample).is_inside()
@@ -148,7 +148,8 @@ def _covers_near(
 ) -> Bool[Array, "*samples"]:
     """Whether each triangle covers the point at an offset from its sample, up to rounding.
 
-    `offset` has the offset along x and along y, each of at most two samples.
+    `offset` has the offset along x and along y, each of at most two samples. Only the edge
+    functions are tested: a triangle without area covers its line beyond its ends too.
     """
     inside = jnp.ones(triangle.shape, bool)
     x, y = (entry.astype(jnp.float32) for entry in offset)

@@ -189,8 +189,8 @@ def color_at(
     """Colour of a triangle at each sample, or the background where `triangle` is -1.
 
     The triangle need not cover the sample. `flat` says that each triangle of the surface has one
-    colour. If so, colours are returned as `surface.corners` has them, usually with straight alpha;
-    else they are premultiplied.
+    colour. If so, colours are returned as `surface.corners` has them; else they are premultiplied.
+    `background` is returned unchanged.
     """
     valid_triangle = jnp.maximum(triangle, 0)
     if flat:
@@ -256,9 +256,9 @@ def color_on_edge(
     """Colour of each edge's triangle on the edge, at the fraction `t` (0..1) along it.
 
     Edges are numbered 3 triangle + side. `flat` says that each triangle of the surface has one
-    colour. If so, colours are returned as `surface.corners` has them, usually with straight alpha;
-    else they are premultiplied. The colour is not taken at a sample, where the colour of a triangle
-    thinner than the sample spacing would be extrapolated.
+    colour. If so, colours are returned as `surface.corners` has them; else they are premultiplied.
+    The colour is not taken at a sample, where the colour of a triangle thinner than the sample
+    spacing would be extrapolated.
     """
     triangle = jnp.broadcast_to((edge // 3)[None], t.shape)
     if flat:

@@ -1,1 +1,1 @@
-"""These modules hold arithmetic and array helpers that know nothing of triangles."""
+"""These modules help with numbers, arrays, devices and compilation, and know no triangles."""

@@ -39,7 +39,8 @@ class Plan(eqx.Module):
       case under `Hard`, always the guard band.
     - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
       needs longer lists or, under `Hard`, reaches past the guard band, a wide margin around the
-      canvas, which the plan does not expect: `"raise"` raises an error, `"nan"` only returns NaN.
+      canvas, although the plan does not cut there: `"raise"` raises an error, `"nan"` only returns
+      NaN.
     - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; None
       stands for the finest grid that fits the canvas.
     """
