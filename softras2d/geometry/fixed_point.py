@@ -198,9 +198,9 @@ def snapped_corners(
     """Snap vertices to the grid, subtract `origin`, and gather the corners of triangles.
 
     Coordinates are rounded to multiples of 2^-bits pixel, halves to even. Then `origin`, the point
-    of the scene at the canvas's upper left, is subtracted in double floats. As snapping comes
-    first, two canvases with equal grid bits have the same snapped triangles whatever their origins
-    are. Coordinates beyond 2^30 pixels are not rounded; in float32 they are multiples already.
+    of the scene at the canvas's upper left, is subtracted exactly. As snapping comes first, two
+    canvases with equal grid bits have the same snapped triangles whatever their origins are.
+    Coordinates beyond 2^30 pixels are not rounded; in float32 they are multiples already.
     """
     xp = positions.__array_namespace__()
     dtype = positions.dtype
@@ -218,7 +218,7 @@ def snapped_corners(
 def _subtract_origin(
     snapped: Float[HostOrDeviceArray, "vertices 2"], origin: Int[HostOrDeviceArray, "2"]
 ) -> tuple[Float[HostOrDeviceArray, "vertices 2"], Float[HostOrDeviceArray, "vertices 2"]]:
-    """Subtract whole pixels from snapped coordinates; return `high` and `low` of the difference."""
+    """Subtract whole pixels from snapped coordinates; the difference is exactly `high` + `low`."""
     if isinstance(origin, np.ndarray) and not origin.any():
         return snapped, np.zeros_like(snapped)
     dtype = snapped.dtype

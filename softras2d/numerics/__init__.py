@@ -1,1 +1,1 @@
-"""These modules help with numbers, arrays, devices and compilation, and know no triangles."""
+"""These modules help with numbers, arrays, devices and programs. Triangles do not occur in them."""

@@ -34,7 +34,7 @@ def map_blocks(
     On devices other than the CPU, and for at most `size` entries, all entries are computed as one
     block, whatever `used_count` is; other devices need many entries at once.
 
-    Not differentiable in reverse mode, unless there is only one block.
+    With several blocks and a traced `used_count`, it is not differentiable in reverse mode.
     """
     count = jax.tree.leaves(entries)[0].shape[0]
     if count <= size or jax.default_backend() != "cpu":

@@ -28,8 +28,8 @@ class ListedPairs(NamedTuple):
     the whole tile.
 
     - `tile`, `triangle`: index of the tile and of the triangle.
-    - `covers_tile`: whether the triangle is known to cover the whole tile, or all of the tile that
-      lies on the canvas. False where rounding errors leave a doubt.
+    - `covers_tile`: whether the triangle is known to cover the whole tile; false where rounding
+      errors leave a doubt.
     """
 
     tile: np.ndarray
@@ -99,8 +99,8 @@ def count_fragments(
     - `depth`: the depth of all triangles; None for a scene without depth.
 
     The result is an upper bound in two cases. With depth, where the depths of several triangles
-    agree to within their rounding errors, each of these triangles is counted. In a tile that one
-    triangle covers, pixels beyond the canvas are counted too.
+    agree to within their rounding errors, each of these triangles is counted. In a tile whose only
+    listed triangle covers it, pixels beyond the canvas are counted too.
     """
     # A triangle that covers a tile and is alone in its list shows in each pixel of the tile.
     length = np.bincount(pairs.tile, minlength=tiling.count)
