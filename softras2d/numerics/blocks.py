@@ -31,8 +31,8 @@ def map_blocks(
       elements of the batch can skip it.
     - `size`: number of entries in a block.
 
-    On devices other than the CPU, and for at most `size` entries, all entries are computed as one
-    block, whatever `used_count` is; other devices need many entries at once.
+    If JAX's default backend is not the CPU, and for at most `size` entries, all entries are
+    computed as one block, whatever `used_count` is; other devices need many entries at once.
 
     With several blocks and a traced `used_count`, it is not differentiable in reverse mode.
     """

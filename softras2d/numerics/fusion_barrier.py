@@ -27,8 +27,9 @@ def materialized(function: Callable[P, R], **jit_options) -> Callable[P, R]:
 
     On the CPU the wrapped function is compiled as a call of its own, inside which fusion goes on as
     usual. On other devices the compiler weighs the cost of repeating work, and `function` is called
-    as it is. Values and derivatives are those of `function`. `jit_options` are passed to `jax.jit`,
-    such as `static_argnames`; they have no effect on other devices.
+    as it is. The device is JAX's default backend at the time of the call. Values and derivatives
+    are those of `function`. `jit_options` are passed to `jax.jit`, such as `static_argnames`; they
+    have no effect on other devices.
     """
 
     def call_inside(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -84,7 +84,8 @@ class Headroom(NamedTuple):
 
     - `merge_cost`: cost of merging one chunk with the others of its tile, as a number of slots of
       equal cost.
-    - `divisor`: a needed length n is increased to n + n / `divisor`, rounded up.
+    - `divisor`: a needed length n is increased to n + n / `divisor`, rounded up (`max_chunks` to
+      n + n / 4).
     - `least_slots`: least number of slots, and least capacity for strips and for pairs.
     - `coarse_slots`: up to this number of slots, size classes of the slots are powers of two; above
       it, also three quarters of powers of two.

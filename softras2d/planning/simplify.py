@@ -22,7 +22,8 @@ def simplify(scene: Scene, *, height: int, width: int, filter: Filter | None = N
     decisions are based on concrete values, on the host, for a plan with `origin` (0, 0) and the
     default `grid_bits`. Removed are:
 
-    - triangles that do not reach the canvas and, without depth, triangles of alpha 0;
+    - triangles whose bounding box does not meet the canvas and, without depth, triangles of alpha 0
+      at all corners;
     - depth that changes nothing, because no triangle lies deeper than one drawn before it;
     - corner colours, if the three corners of each triangle have one colour;
     - `inverse_w`, if the three corners of each triangle have one value, or if nothing varies within
