@@ -3,15 +3,16 @@
 Conventions of all functions:
 
 - An image is an array of floats `[height, width, channels]`, in sRGB, 0..1; values outside are
-  clipped. One channel is grey; three are RGB; four are RGB with straight alpha, shown over a light
-  checkerboard.
+  clipped when they are shown. One channel is grey; three are RGB; four are RGB with straight alpha,
+  shown over a light checkerboard in figures.
 - Coordinates are in pixels of the image, x right and y down. Pixel (row r, column c) is the square
   [c, c+1) x [r, r+1).
 - `axes` (or `figure`) is the matplotlib object to draw into; by default, a new pyplot figure is
-  made. Functions return the `Axes`, or the `Figure` if they draw several. In a notebook, end the
-  last line of a cell with `;`, so that this value is not printed beside the plot.
+  made (`triangles` and `arrows` always need axes). Functions that plot return the `Axes`, or the
+  `Figure` if they may draw several. In a notebook, end the last line of a cell with `;`, so that
+  this value is not printed beside the plot.
 
-matplotlib is imported by the first call, which raises `ImportError`, one line, if it is missing.
+matplotlib is imported when a function first plots; `ImportError`, one line, says if it is missing.
 """
 
 from .comparison import difference, error

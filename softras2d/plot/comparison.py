@@ -28,13 +28,13 @@ def difference(
       before they are compared, and alpha counts as a channel.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `limit`: difference that gets the strongest colour, above 0, where 1 is the full range of an
-      image; by default the largest absolute difference.
+      image; by default the largest absolute difference, or 1/255 if that is 0.
     - `title`: text above the plot.
 
     The difference of a pixel is the mean over its channels. Differences of opposite signs in two
     channels therefore cancel; `error` shows them. Returns the axes. Raises `ValueError`, with a
     message of one line, for images of other types, of other or unequal shapes, with NaN or
-    infinity, and for a `limit` that is not positive.
+    infinity, and for a `limit` that is not positive and finite.
     """
     values = _difference(image, reference).mean(axis=-1)
     limit = _limit(limit, values)
@@ -57,7 +57,7 @@ def error(
       before they are compared, and alpha counts as a channel.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
     - `limit`: error that gets the last colour of the scale, above 0, where 1 is the full range of
-      an image; by default the largest error.
+      an image; by default the largest error, or 1/255 if that is 0.
     - `title`: text above the plot.
 
     Returns the axes. Raises `ValueError` as `difference` does.

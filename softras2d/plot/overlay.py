@@ -81,8 +81,8 @@ def arrows(
       factor. By default vectors are in pixels, and are not scaled.
     - `label`: text of the legend; if it is empty, there is no legend.
 
-    Returns the axes. Raises `ValueError` for other shapes, for values that are not finite, and for
-    a `length` that is not positive.
+    Returns the axes. Raises `ValueError` for other shapes, for values that are not finite numbers,
+    and for a `length` that is not positive and finite.
     """
     import_pyplot()
     tails, vectors = _points("`positions`", positions), _points("`vectors`", vectors)
@@ -114,7 +114,7 @@ def arrows(
 
 
 def _points(name: str, points: Any) -> np.ndarray:
-    """Return points as float64. Raises `ValueError` unless they are `[n, 2]` and finite.
+    """Return points as float64. Raises `ValueError` unless they are finite numbers `[n, 2]`.
 
     `name`: what the points are, for the message.
     """

@@ -38,7 +38,7 @@ def id_colors(triangle: Any) -> Float32[np.ndarray, "height width 3"]:
 
     Returns sRGB colours in 0..1, each the mean over the samples of a pixel. An index has the same
     colour in every image, and the background is light grey. Raises `ValueError`, with a message of
-    one line, for another shape, and for values that are not integers.
+    one line, for another shape, an empty array, and values that are not integers.
     """
     numbers = np.asarray(triangle)
     numbers = numbers[..., None] if numbers.ndim == 2 else numbers

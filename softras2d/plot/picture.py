@@ -38,16 +38,16 @@ def show(
     - `grid`: whether to draw lines between the pixels and to number the axes in pixels. If a side
       has more than 64 pixels, there is one line for every 2, 4, 8, ... pixels.
     - `inset`: the part of the image to enlarge, `(top, left, height, width)` in pixels. It is drawn
-      in the corner of the image that is farthest from this part, as `axes.child_axes[0]`. Overlays
-      (`triangles`, `arrows`) are drawn in the inset too.
+      in the corner of the image that is farthest from this part, and becomes the last of
+      `axes.child_axes`. Overlays (`triangles`, `arrows`) are drawn in the inset too.
     - `inset_zoom`: magnification of the inset, more than 1. It is reduced if the inset would be
       larger than 0.6 of a side of the image.
 
     Returns the axes. If a pixel is less than 1.5 dots of the screen wide, but not exactly one, the
     image is smoothed as matplotlib decides, since leaving out pixels would add aliasing. Raises
     `ValueError`, with a message of one line, for another shape or dtype, for NaN and infinity, for
-    an inset that is outside the image or too large to be enlarged, and for an `inset_zoom` that is
-    not more than 1.
+    an inset that is not four integers, not inside the image or too large to be enlarged, and, with
+    an inset, for an `inset_zoom` that is not more than 1.
     """
     pixels = checked_image("`image`", image)
     height, width = pixels.shape[:2]

@@ -101,8 +101,8 @@ class AnalyticMode(CoverageMode):
         """Distance, in pixels, by which coverage extends beyond the edges of a triangle.
 
         `coverage` is the option. `max_width` is the largest `Soft.width` to allow for, in pixels,
-        or None; if it is given, the result is the distance for the largest width. It must be at
-        least `AnalyticCoverage.reach` of every parameter up to `max_width`.
+        or None for the option's own. The result must be at least `AnalyticCoverage.reach` of the
+        option's parameter, and of every parameter up to `max_width`.
         """
 
     @abc.abstractmethod

@@ -35,8 +35,11 @@ def composite(
     `scene.positions` and `scene.depth` has a boundary term, from the given colours on both sides of
     each edge, unless the plan is for `Hard(edge_gradients=False)`. If `values` is a function, it is
     also evaluated at points that are no samples, as for `resolve`. An array has no colours there,
-    so triangles that lie between two samples have no boundary term. Raises `ValueError` for other
-    shapes. It raises an error as `rasterize` does if the list of a tile, with hidden triangles, is
+    so triangles that lie between two samples have no boundary term. In a scene without triangles a
+    function is not called, and the image is the background.
+
+    Raises `ValueError` for `values` or a `background` of another shape, and for the buffers of a
+    batch. It raises an error as `rasterize` does if the list of a tile, with hidden triangles, is
     longer than the boundary term can hold.
 
     **Source:** Porter and Duff, *Compositing Digital Images* (SIGGRAPH 1984), section 4.
@@ -106,7 +109,7 @@ def _shade_layers(
     """Evaluate the function `shade` for every layer, from its triangle and barycentric weights.
 
     An unused layer, whose triangle is -1, is shaded at the centroid of triangle 0. Raises
-    `ValueError` if the function returns anything but an array with one row for each layer.
+    `ValueError` if the function returns anything but an array of two axes, with one row per layer.
     """
     # With weights of 0, a function that normalizes what it interpolates would return NaN.
     weights = jnp.where((triangle < 0)[..., None], 1.0 / 3.0, weights.reshape(*triangle.shape, 3))

@@ -46,7 +46,8 @@ def weights_at(
 ) -> Float[Array, "3 lines runs"]:
     """Barycentric weights of given triangles at given samples; 0 where `triangle` is -1.
 
-    - `surface`: the surface of a scene that `with_unit_corners` returned.
+    - `surface`: the surface of a scene that `with_unit_corners` returned. If that scene has
+      `inverse_w`, the weights are perspective-correct.
     - `triangle`: the triangle at each sample, which need not cover the sample.
 
     The first axis of the result has the weights of corners 0, 1 and 2, in the order of
@@ -64,8 +65,9 @@ def buffer_weights(
     The point is the sample itself under `Hard(shading="sample")`. Under `Hard(shading="pixel")` it
     is the one point of the sample's pixel at which the triangle is shaded.
 
-    - `projected`: made from a scene that `with_unit_corners` returned.
-    - `triangle`: the triangle that shows at each sample.
+    - `projected`: made from a scene that `with_unit_corners` returned. If that scene has
+      `inverse_w`, the weights are perspective-correct.
+    - `triangle`: a triangle that covers each sample, visible or not, or -1.
 
     The first axis of the result has the weights of corners 0, 1 and 2, in the order of
     `scene.triangles`.

@@ -25,6 +25,8 @@ class Price(NamedTuple):
     - `memory`: size, in bytes, of the arguments, the image and temporary arrays of a render.
     - `operations`: number of floating-point operations of a render.
     - `traffic`: number of bytes that a render reads and writes.
+
+    All but `seconds` are estimates of the compiler, or 0 where it gives none.
     """
 
     seconds: float

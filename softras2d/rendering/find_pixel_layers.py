@@ -25,8 +25,8 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
 
     `pixel_layers` is pure: use it under `jit` and `vmap`. A scene that outgrows its plan raises an
     error as in `render`. Under a trace, with a plan of `on_overflow="nan"`, it makes `coverage` and
-    its derivatives NaN instead. Raises `ValueError` for a plan with `Hard` coverage, and if
-    `layers` is less than 1.
+    its derivatives NaN instead. Raises `ValueError` for a plan with `Hard` coverage, for a batch of
+    scenes, and if `layers` is not an integer of 1 or more.
     """
     check_scene_and_plan(scene, plan)
     pixel_layers_mode_of(plan.coverage)  # Raises the error for other coverages.

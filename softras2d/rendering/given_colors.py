@@ -97,10 +97,11 @@ class ShadedColors(SampleColors):
 class ArrayColors(SampleColors):
     """Colours that a caller gives as an array with one value for each sample.
 
-    The value of a triangle is known only at samples where the triangle shows. An edge counts as
-    invisible if on one of its sides there is a triangle that no sample shows. This is so for
-    triangles that lie between two samples, for strips of a triangle that show between two others
-    but at no sample, and for edges between the border of the canvas and the sample next to it.
+    The value of a triangle is known only at samples where the triangle shows. A crossing, a point
+    where an edge passes between two samples, counts as invisible if one of these two samples does
+    not show what lies on its side of the edge. This is so for triangles that lie between the two
+    samples, for strips of a triangle that show between two others but at neither sample, and for
+    edges between the border of the canvas and the sample next to it.
 
     - `background`: value where no triangle shows.
     - `values`: one value for each sample, in the order of `sample_grid.buffer_index`: pixel by
@@ -135,7 +136,7 @@ class ArrayColors(SampleColors):
         """Whether the colours on both sides of each crossing are known.
 
         The arguments say whether the sample next to the crossing, inside and outside of the edge,
-        shows the triangle that is on that side. Both must be true.
+        shows what is visible on that side of the edge. Both must be true.
         """
         return shows_inside & shows_outside
 
@@ -145,7 +146,7 @@ class LayerArrayColors(SampleColors):
 
     A triangle that is not one of the layers of a sample has the value 0 there.
 
-    - `background`: value where no triangle shows.
+    - `background`: zeros, the value where no triangle shows.
     - `values`: one value for each layer of each sample; samples are in the order of
       `sample_grid.buffer_index`.
     - `triangle`: the triangle of each layer, -1 for unused layers.

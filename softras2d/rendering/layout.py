@@ -81,8 +81,8 @@ def layout_for(
 def count_triangles(scene: Scene) -> int:
     """Number of triangles of a scene, without those that `pad` appended, but at least 1.
 
-    These are all triangles up to the last one that is not padding. If only the shapes of the arrays
-    are known, all triangles are counted, and the result may be 0.
+    These are all triangles up to the last one whose three vertex indices are not equal. If only the
+    shapes of the arrays are known, all triangles are counted, and the result may be 0.
     """
     if isinstance(scene.triangles, jax.ShapeDtypeStruct):
         return scene.triangles.shape[0]

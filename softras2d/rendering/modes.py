@@ -29,7 +29,7 @@ def mode_of(coverage: Any) -> CoverageMode:
 def pixel_layers_mode_of(coverage: Coverage) -> AnalyticMode:
     """Return the mode of `Soft` or `Area`, for which `pixel_layers` works.
 
-    Raises `ValueError` for `Hard`.
+    Raises `ValueError` for any other value, such as `Hard`.
     """
     mode = mode_of(coverage)
     if not isinstance(mode, AnalyticMode):

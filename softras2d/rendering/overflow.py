@@ -107,7 +107,7 @@ def raise_or_return_nan(
     `raise_on_overflow` says when an error is raised. If the scene outgrew its plan and no error is
     raised, the image is NaN everywhere, and so is its derivative with respect to every float of
     `scene`, forwards and backwards, whatever the loss is. If the scene did not outgrow its plan,
-    neither the image nor any derivative changes by a bit.
+    neither the image nor any derivative changes.
     """
     return nan_on_overflow(image, scene, raise_on_overflow(outcome, plan, of_render=True))
 

@@ -55,9 +55,10 @@ def plan(
       the guard band. If `grid_bits` is given, this band reaches as far as the grid allows.
       `plan_tiles` plans all pieces of a canvas.
     - `capacity`: how many triangles a tile can list. "scene": as many as the scenes need, and at
-      least a sixteenth more. "worst_case": all triangles, so that no positions outgrow the plan. A
+      least a sixteenth more, up to all. "worst_case": all, so that no positions outgrow the plan. A
       render then costs as much as if every triangle covered the whole canvas (see `print(plan)`).
-      It looks at shapes only, so that scenes may be traced, or have `jax.ShapeDtypeStruct` leaves.
+      It needs shapes only, so that scenes may be traced, or have `jax.ShapeDtypeStruct` leaves;
+      values that are known are checked.
       For few triangles on a small canvas a tile can always list all of them, as that costs nothing
       there; under `Hard` they outgrow the plan only if they move past the guard band.
     - `headroom`: factor, 1 or more, by which every list may become longer than the scenes need: 2
@@ -67,8 +68,8 @@ def plan(
       raises an error, by a call to the host. "nan": it makes image and derivatives NaN, without a
       call, so that JAX can also keep the program in its persistent cache.
 
-    Raises `ValueError` for invalid values (NaN, infinity, alpha outside 0..1, an index out of
-    range), and for effects that the coverage does not draw.
+    Raises `ValueError` for invalid arguments, for invalid values of a scene (NaN, infinity, alpha
+    outside 0..1, an index out of range), and for effects that the coverage does not draw.
     """
     coverage = Hard() if coverage is None else coverage
     mode = mode_of(coverage)
@@ -232,7 +233,8 @@ def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
 def _unstack(scene: Scene) -> list[Scene]:
     """Return the scenes of a batch, in host arrays; for a single scene, a list of this scene.
 
-    Raises `ValueError` for a batch in which some array has no leading axis.
+    Raises `ValueError` for a batch whose `triangles`, `colors` or `background` lack the leading
+    axis. The optional arrays must have it too: this is not checked.
     """
     if scene.positions.ndim == 2:
         return [scene]

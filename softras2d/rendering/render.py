@@ -48,6 +48,8 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     wraps it in an error of its own. JAX keeps no persistent cache entry for a program that can
     raise. A plan made with `on_overflow="nan"` makes image and derivatives NaN under a trace,
     instead of raising. A plan with `capacity="worst_case"` cannot be outgrown, and adds no check.
+    Also raises `ValueError` for a batch outside `vmap`, for floats that are neither float32 nor
+    float64, and for effects that the coverage does not draw.
     """
     check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)

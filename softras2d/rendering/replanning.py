@@ -31,8 +31,8 @@ def value_and_grad_replanning(
     and repeats the step.
 
     - `loss(parameters, plan, *args)`: returns a number, computed with `render(scene, plan)`; with
-      `has_aux`, a tuple of a number and anything else. The gradient is with respect to all floats
-      of `parameters`.
+      `has_aux`, a tuple of a number and anything else. The gradient is with respect to all
+      floating-point arrays of `parameters`; Python floats are constants.
     - `scene_of(parameters, *args)`: returns the scene that the loss draws, or a batch of scenes. It
       is called outside `jit`, only to plan.
     - `height`, `width`, `coverage`, `filter`, `headroom`: as in `plan`. More headroom costs time in
@@ -40,9 +40,9 @@ def value_and_grad_replanning(
 
     Call the result as `value, gradient = result(parameters, *args)`. `result.plan` is the plan in
     use, and `result.replans` counts how often the plan was replaced. A loss that is NaN or infinite
-    although the plan is large enough is returned as it is, after planning once more. The loss must
-    be NaN if the image is: a loss that ignores NaN, such as `jnp.nanmean`, hides that a plan was
-    outgrown.
+    although the plan is large enough is returned as it is, after planning once more; for a scene
+    with invalid values, such as NaN positions, planning raises `ValueError`. The loss must be NaN
+    if the image is: a loss that ignores NaN, such as `jnp.nanmean`, hides that a plan was outgrown.
     """
     gradient = eqx.filter_jit(eqx.filter_value_and_grad(loss, has_aux=has_aux))
     options = {"height": height, "width": width, "coverage": coverage, "filter": filter}
@@ -72,7 +72,7 @@ class ReplanningGradient:
         """Return the result of the loss, and its gradient with respect to `parameters`.
 
         With `has_aux`, the result is the tuple that the loss returns. May replace `plan` by a
-        larger plan and repeat the step. Raises `ValueError` under a trace.
+        larger plan and repeat the step. Raises `ValueError` under a trace, and as `plan` does.
         """
         if is_traced(parameters):
             raise ValueError(

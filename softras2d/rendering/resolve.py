@@ -49,8 +49,10 @@ def resolve(
     so it has no boundary term at edges next to a colour that no sample shows: edges of triangles or
     strips that lie between two samples, and edges within half a sample of the border of the canvas.
 
-    Outside `jit` a function is traced on each call: put the call under `jax.jit`. Raises
-    `ValueError` for several layers, and for shapes that do not match.
+    Outside `jit` a function is traced on each call: put the call under `jax.jit`. In a scene
+    without triangles it is not called, and the image has the channels of the background. Raises
+    `ValueError` for several layers, the result of `pixel_layers`, the buffers of a batch, and
+    shapes that do not match.
     """
     refuse_batch(visible)
     if visible.triangle.ndim != 3 or isinstance(visible, PixelLayers):

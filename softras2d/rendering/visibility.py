@@ -39,11 +39,12 @@ class Visibility(eqx.Module):
     has an axis of layers after the samples, `[height, width, samples, layers, ...]`, nearest layer
     first.
 
-    With S * S samples per pixel, sample i lies in sub-column i % S and sub-row i // S.
+    With S * S samples per pixel, sample i lies in sub-column i % S and sub-row i // S. The buffers
+    of a batch, which `jax.vmap` returns, can be read under `jax.vmap` only, except `triangle`.
 
     - `triangle`: index of the triangle that shows, -1 for background or an unused layer.
     - `scene`, `plan`: the arguments of `rasterize`.
-    - `overflow`: whether the scene outgrew the plan, so that triangles are missing.
+    - `overflow`: whether the scene outgrew the plan, so that `triangle` is wrong.
     """
 
     triangle: Int[Array, "height width samples *layers"]
@@ -55,7 +56,10 @@ class Visibility(eqx.Module):
         return buffers_text(self)
 
     def _repr_html_(self) -> str | None:
-        """HTML of a picture with one colour per triangle, above `repr`; None for several layers."""
+        """HTML of a picture with one colour per triangle, above the text of `repr`.
+
+        Returns None for several layers, for a batch and for traced buffers.
+        """
         return buffers_html(self, repr(self))
 
     @property
@@ -100,7 +104,7 @@ class Visibility(eqx.Module):
         """Number of triangles that cover each sample, including hidden ones.
 
         It is -1 everywhere if the scene outgrew the plan. If the argument `layers` of `rasterize`
-        is the largest value of `overdraw` or more, no triangle is left out of the buffers.
+        is the largest value of `overdraw` or more, no triangle is left out for lack of layers.
         """
         refuse_batch(self)
         count = _count_covering(pad_concrete(self.scene, self.plan), self.plan)
@@ -137,8 +141,9 @@ def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibil
 
     - `plan`: for `Hard` coverage; `pixel_layers` is for `Soft` and `Area`.
     - `layers`: how many triangles to keep at each sample, nearest first: in reverse draw order, and
-      with depth only triangles that pass the depth test when they are drawn. With more than one
-      layer, an opaque triangle does not hide the layers behind it. One layer costs least.
+      with depth only triangles that pass the depth test when they are drawn. Alpha does not matter:
+      one layer has the nearest triangle even if that is transparent, and with more layers an opaque
+      triangle does not hide those behind it. One layer costs least.
 
     `rasterize` is pure: use it under `jit` and `vmap`. The indices, `coverage` and `overdraw` have
     no derivative. `barycentric`, `depth`, `interpolate` and `resolve` are differentiable with
@@ -147,8 +152,9 @@ def rasterize(scene: Scene, plan: Plan, *, layers: SupportsIndex = 1) -> Visibil
     a compiled program raises none: images of `resolve` and `composite`, all buffers of floats, and
     their derivatives are then NaN, and `overdraw` is -1.
 
-    Raises `ValueError` for a plan with `Soft` or `Area` coverage, and for indices of more than 2
-    GiB: then draw the canvas in windows (`plan(origin=...)`).
+    Raises `ValueError` for a plan with `Soft` or `Area` coverage, for a batch of scenes, for
+    `layers` that is not an integer of 1 or more, and for indices of more than 2 GiB: then draw the
+    canvas in windows (`plan(origin=...)`).
     """
     check_scene_and_plan(scene, plan)
     # The number of layers decides the shape of the buffers, so it is known while tracing.
@@ -167,7 +173,7 @@ def interpolate(
     `scene.triangles`. The weights are `visible.barycentric`, which says at which point they are
     taken; so interpolation is perspective-correct if the scene has `inverse_w`. The result is
     differentiable with respect to the attributes, and to the scene's positions and `inverse_w`.
-    Raises `ValueError` for other shapes.
+    Raises `ValueError` for other shapes, and for the buffers of a batch.
     """
     corners = _at_corners(visible, "attributes", attributes)
     return _interpolate(visible.barycentric, visible.triangle, corners)
@@ -191,7 +197,8 @@ def _at_corners(
     """Return values of vertices or of corners as values of corners.
 
     Raises `ValueError`, naming the argument `name`, unless `values` is `[vertices, channels]` or
-    `[triangles, 3, channels]`. If `channels` is None, any number is accepted.
+    `[triangles, 3, channels]`. If `channels` is None, any number is accepted. Also raises it for
+    the buffers of a batch.
     """
     refuse_batch(visible)
     corners, scene = jnp.asarray(values), visible.scene

@@ -17,7 +17,8 @@ from ..geometry.fixed_point import reorient
 from ..numerics import safe
 
 CornerWeights = tuple[Array, Array, Array]
-"""Barycentric weights of the three corners, one array each; they sum to 1."""
+"""Barycentric weights of the three corners, one array each; they sum to 1, except far outside a
+triangle in perspective (`perspective_weights`)."""
 
 
 class CornerAttributes(NamedTuple):
@@ -25,7 +26,7 @@ class CornerAttributes(NamedTuple):
 
     Reorienting exchanges corners 1 and 2 of triangles of negative area. The last axes are the
     triangles of the scene, or lanes with one triangle each (`surface`). None means that the scene
-    does not have the attribute.
+    does not have the attribute, or that colours do not depend on it.
 
     - `color`: straight RGB or RGBA; one corner for triangles of one colour, else three.
     - `inverse_w`: 1/w of the projection, positive.

@@ -178,8 +178,9 @@ def shading_points(
     """Choose the point of each fragment at which multisampling shades it.
 
     Multisampling (`Hard.shading` is `"pixel"`) shades a triangle once per pixel. The point is the
-    centre of the pixel if the closed triangle contains it. Otherwise it is the centroid of those
-    samples of the pixel that the triangle covers, whether they are visible or not.
+    centre of the pixel if the closed triangle contains it, or if no bit of `covered` is set.
+    Otherwise it is the centroid of those samples of the pixel that the triangle covers, whether
+    they are visible or not.
 
     - `covered`: the samples of the fragment's pixel that the triangle covers, visible or not, laid
       out like `Fragments.bits`.

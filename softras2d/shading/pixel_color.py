@@ -247,6 +247,7 @@ def _opacity_and_color(
 
     Opacity is coverage times alpha, and a straight colour is the premultiplied colour divided by
     alpha. In both, alpha is raised to at least `_LEAST_ALPHA`, 2^-24, but keeps its derivative.
+    Colours of three channels have an alpha of 1.
     """
     if color.shape[0] == 3:
         return coverage, color.transpose(1, 0, 2)

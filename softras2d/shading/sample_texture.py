@@ -29,14 +29,15 @@ def sample_texture(
       entry [..., i, j] is the change of coordinate i along axis j (`Visibility.footprint`). It
       decides the mip level and the probes. None reads the base level.
     - `filter`: how textures are filtered; None is `Filter()`.
-    - `texture_index`: index of the texture, one integer or `[...]`; -1 reads 1 in every channel.
+    - `texture_index`: index of the texture, one integer or an array that broadcasts to `[...]`; -1
+      reads 1 in every channel.
 
     Returns RGB or premultiplied RGBA. Differentiable with respect to `uv`, `footprint` and texels;
     the derivative with respect to the footprint comes from the blend between two levels and from
     the probes.
 
-    Raises `ValueError` for other shapes and types, and for a concrete `texture_index` outside
-    -1..`textures.count` - 1.
+    Raises `ValueError` for other shapes, for `textures` and `filter` of other types, and for a
+    `texture_index` that is no integer or, if it is concrete, outside -1..`textures.count` - 1.
     """
     filter = Filter() if filter is None else filter
     if not isinstance(textures, TexturePyramid):
@@ -72,8 +73,8 @@ def _checked_index(
 ) -> Int[Array, "*points"]:
     """Return one texture index for each point, where the points have the shape `shape`.
 
-    Raises `ValueError` for an index that is no integer, has another shape, or is out of range. The
-    range of traced indices is not checked.
+    Raises `ValueError` for an index that is no integer, does not broadcast to `shape`, or is out of
+    range. The range of traced indices is not checked.
     """
     index = to_host(texture_index)
     if not jnp.issubdtype(index.dtype, jnp.integer):

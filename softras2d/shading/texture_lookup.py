@@ -75,9 +75,9 @@ class LevelsAndProbes(NamedTuple):
     A probe is one of several reads of a texture, whose mean is taken.
 
     - `levels`: the one or two mip levels that every probe reads.
-    - `count`: number of probes, a whole number; None for a single probe.
+    - `count`: number of probes, a whole number; None if `Filter.anisotropy` is 1.
     - `axis`: vector (u, v) over whose length the probes are evenly spread, with the shaded point in
-      the middle; 1 is the extent of the image. None for a single probe.
+      the middle; 1 is the extent of the image. None if `Filter.anisotropy` is 1.
     """
 
     levels: Levels

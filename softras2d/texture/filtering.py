@@ -3,8 +3,9 @@
 Texture coordinates u (right) and v (down) are 0..1 across the image, at every level. A tap is one
 of the texels that are mixed.
 
-**Gradients** with respect to u and v are the derivatives of the mix (`texel_filters`). On a clamped
-border they are the limit from inside, and beyond it they are zero.
+**Gradients** with respect to u and v are the derivatives of the mix (`texel_filters`). Unless the
+texture repeats, they are zero beyond the positions of the first and the last texel, and at these
+positions they are the limit from inside.
 """
 
 import functools
@@ -130,8 +131,8 @@ def _mix(values: list[Array], weights: tuple[Array, ...]) -> Array:
 def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     """Find the texels to mix in one mip level at the texture coordinates `uv`, 0..1 in the image.
 
-    Unless the texture repeats, points beyond the border read it as at the border, with zero
-    gradient.
+    Unless the texture repeats, points beyond the position of the first or last texel of an axis
+    read it as at that position, with zero gradient.
     """
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1

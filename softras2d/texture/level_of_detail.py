@@ -54,9 +54,9 @@ class Probes(NamedTuple):
     A probe is one of several reads of the texture, whose mean is taken.
 
     - `level`: the level of detail, 0 for the base level, including the bias; not clamped.
-    - `count`: number of probes, evenly spread over the major axis; None for a single probe.
+    - `count`: number of probes, evenly spread over the major axis; None if the anisotropy is 1.
     - `axis_u`, `axis_v`: the major axis of the footprint's ellipse, from one end to the other, in
-      base texels; None for a single probe.
+      base texels; None if the anisotropy is 1.
     """
 
     level: Float[Array, "*points"]
@@ -151,7 +151,7 @@ def choose_levels(
     - `level_filter`: `Filter.level`. `"zero"` chooses the base level, `"nearest"` rounds to one
       level, halves up, and `"linear"` mixes the two levels around the level of detail.
 
-    The level of detail is clamped to the existing levels, with zero gradient where it is clamped.
+    The level of detail is clamped to the levels of `table`, with zero gradient where it is clamped.
     """
     last = table.shape[1] - 1
     level_at = functools.partial(_level_at, table, texture)

@@ -22,8 +22,7 @@ from ..numerics.device import to_device, to_host
 class TexturePyramid(eqx.Module):
     """Textures and their box-filtered halvings, down to one texel.
 
-    - `texels`: RGB or premultiplied RGBA, texture after texture, level after level, row after row;
-      about 4/3 as many as the base levels have.
+    - `texels`: RGB or premultiplied RGBA, texture after texture, level after level, row after row.
     - `levels`: for each texture and level, the index of its first texel, its height and its width
       in texels. A texture with fewer levels than others repeats its last level.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
@@ -68,11 +67,12 @@ class TexturePyramid(eqx.Module):
 
         `linear=True` means that the images are sRGB and the texels shall be linear: colour channels
         are decoded once, before the levels are averaged. If some images have alpha, images of three
-        channels get alpha 1. Integers and half-precision floats become float32. The result is
-        differentiable in the images. `border` and `addressing` are fields of the pyramid.
+        channels get alpha 1. Booleans, integers and half-precision floats become float32. The
+        result is differentiable in the images. `border` and `addressing` are fields of the pyramid.
 
-        Raises `ValueError` for an image without texels or of integers above 1, for no images, and
-        for an unknown `border` or `addressing`. Warns of images that look like bytes (0..255).
+        Raises `ValueError` for an image of another shape, without texels or of integers above 1
+        (under a trace, of any unsigned integers), for no images, and for an unknown `border` or
+        `addressing`. Warns of images that look like bytes (0..255).
         """
         check_name("border", border, TextureBorder)
         check_name("addressing", addressing, TextureAddressing)
@@ -152,8 +152,9 @@ def _chain(base: Any) -> list[Any]:
 def _halve(image: Any, axis: int) -> Any:
     """Halve an axis with a box filter, rounding its size down; the mean is always preserved.
 
-    An odd axis of 2m + 1 texels gives m texels, each the average over (2m + 1) / m texels: texel i
-    takes 2i, 2i + 1, 2i + 2 with weights (m - i, m, i + 1) / (2m + 1).
+    An axis of one texel stays as it is. A longer odd axis, of 2m + 1 texels, gives m texels, each
+    the average over (2m + 1) / m texels: texel i takes 2i, 2i + 1, 2i + 2 with weights
+    (m - i, m, i + 1) / (2m + 1).
 
     **Source:** Guthe and Heckbert, *Non-power-of-two mipmap creation* (NVIDIA, 2005).
     """

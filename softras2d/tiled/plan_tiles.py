@@ -127,7 +127,7 @@ def plan_tiles(
     grid_bits: int | None = None,
     gradients: bool = False,
 ) -> TiledPlan:
-    """Plan a canvas of any size that is drawn window by window, each by one compiled program.
+    """Plan a large canvas that is drawn window by window, each by one compiled program.
 
     Triangles are assigned to windows once. Windows with similar numbers of triangles share a
     program, so that there are usually at most four programs.
@@ -146,9 +146,9 @@ def plan_tiles(
       derivative.
 
     Under `Hard`, windows equal the image that `render` draws with the default plan of the whole
-    canvas, to the bit, unless a triangle is so large that an edge is cut at the guard band. This
-    band reaches 2^(22 - grid_bits) pixels from the middle of each window. Under `Soft` and `Area`,
-    windows equal the image up to rounding.
+    canvas (of the same `grid_bits`), to the bit, unless a triangle is so large that an edge is cut
+    at the guard band. This reaches 2^(22 - grid_bits) pixels from the middle of each window. Under
+    `Soft` and `Area`, windows equal the image up to rounding.
 
     Raises `ValueError` as `plan` does, for a traced or batched scene, and for an invalid `tile`.
     """
@@ -182,8 +182,8 @@ def plan_tiles(
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
-    If the plan has a witness (`pieces.with_witness`), the witness is appended as the last triangle.
-    Raises `ValueError` for a traced scene, and for one with fewer triangles than the lists name.
+    The plan's witness (`pieces.with_witness`) is appended to a scene with triangles. Raises
+    `ValueError` for other types, a traced scene, and one with fewer triangles than the lists name.
     """
     check_type("scene", scene, Scene)
     check_type("plan", plan, TiledPlan, "softras2d.plan_tiles(scene, ...)")

@@ -44,10 +44,10 @@ def tiled_value_and_grad(
     on the number of devices. For a mean over the canvas, divide the loss of each window by the
     number of pixels of the canvas.
 
-    The function raises `ValueError` for a plan without `gradients`, for data of another size than
-    the canvas, for a traced scene or one with fewer triangles, and if triangles have moved since
-    the plan was made and outgrow it. A triangle that has moved into another window is missing
-    there, from loss and gradient: plan again.
+    The function raises `ValueError` for a plan without `gradients`, for data that are no arrays of
+    the size of the canvas, for a traced scene or one with fewer triangles, and if triangles have
+    moved since the plan was made and outgrow it. A triangle that has moved into another window is
+    missing there, from loss and gradient: plan again.
     """
 
     @eqx.filter_jit
