@@ -24,7 +24,8 @@ def convergence(
     """Plot the PSNR of fits, in dB, against time or steps.
 
     - `results`: results of `fit`, by the names that the legend shows.
-    - `against`: `"seconds"` or `"step"`, counted from the start of each fit.
+    - `against`: `"seconds"` or `"step"`, counted from the start of each fit, or of the fit that it
+      resumed.
     - `axes`: matplotlib axes to draw into; by default the axes of a new figure.
 
     The PSNR is read from the `history` of each result: it compares the fitted image with the

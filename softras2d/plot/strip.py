@@ -94,7 +94,7 @@ def animate(
 ) -> Path:
     """Write images as a GIF that repeats endlessly.
 
-    - `path`: file to write; its suffix must be `.gif`.
+    - `path`: file to write; its suffix must be `.gif`, in capitals or not.
     - `frames`: float images `[height, width, channels]` of equal size, in sRGB, 0..1, of 1, 3 or 4
       channels; values outside are clipped, and alpha is composited over white. They may come from
       a generator.

@@ -35,9 +35,9 @@ def render_tiles(
       By default all windows.
     - `devices`: devices that draw the windows in turn. By default JAX's first device.
 
-    Each image is a part of the image that `render` would draw, `[window.height, window.width,
-    channels]` in the dtype of the positions. At most two windows per device are in memory, and one
-    image for all windows without triangles.
+    Each image is `[window.height, window.width, channels]` in the dtype of the positions: a part of
+    the image that `render` would draw, as exactly as `plan_tiles` says. At most two windows per
+    device are in memory, and one image for all windows without triangles.
 
     Raises `ValueError`, not before the first window is asked for, for a window that does not exist,
     for a traced scene or one with fewer triangles, and if triangles have moved since the plan was

@@ -32,7 +32,7 @@ def write_tiles(
     - `report(done, windows)`: called after each window with the number of windows that are written,
       and the number of all windows.
 
-    The file holds the same pixels as if `write_image` wrote the image of `render`. The file is
+    The file holds the same pixels as if `write_image` wrote one image of all windows. The file is
     written completely or not at all, also after Ctrl-C. Raises `ValueError`, with a message of one
     line, as `render_tiles` and `write_image` do.
     """

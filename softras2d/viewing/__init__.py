@@ -13,7 +13,7 @@ the picture arrives, `static/viewer.js` shows the last one, moved and scaled.
 
 Requests are answered in a separate thread (`worker.py`), and large programs are compiled in another
 (`background.py`), so that a slow render does not delay the page. A newer request of a page replaces
-its older requests of the same kind that are still waiting.
+its older requests of the same kind and slot (`session.py`).
 
 Each subject has a `version`, which changes whenever its contents do. The server and the widget
 compare the versions periodically, and send a message of kind "changed". The page then asks for the

@@ -40,7 +40,7 @@ def read_value(name: str, expected: Any, value: Any) -> Any:
     """Check `value`; returns it as an `int`, a `float`, or one of the strings of a `Literal`.
 
     `expected` is `int`, `float` or the `Literal`. Raises `ValueError`, whose message names the
-    field `name`, for a value of another type.
+    field `name`, for any other value: of another type, not finite, or not whole for `int`.
     """
     if expected in (int, float):
         if not _is_finite(value) or (expected is int and value != int(value)):

@@ -47,7 +47,8 @@ def tile_lengths(scene: Scene, plan: Plan) -> Int[np.ndarray, "rows columns"]:
     """Number of triangles that each tile of the canvas lists, by row and column of tiles.
 
     A render divides the canvas into tiles (`plan.tiling`), and lists for each tile the triangles to
-    draw in it. Triangles that are hidden in a tile by an opaque one are not counted.
+    draw in it. Triangles that are hidden in a tile by an opaque one are not counted. The numbers
+    are the same for a plan that lists every triangle for every tile (`Plan.lists_all`).
     """
     origin = np.asarray(plan.origin)
     if not plan.side:

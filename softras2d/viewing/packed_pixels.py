@@ -44,7 +44,7 @@ class PackedPixels(NamedTuple):
 def pack_pixels(rgba: UInt8[np.ndarray, " bytes"]) -> PackedPixels | None:
     """Pack the RGBA bytes of a picture, given row by row; None if packing would save little.
 
-    That is so if fewer than `_LEAST_SHARE` (0.3) of its blocks have a single colour.
+    That is so if fewer than `_LEAST_SHARE` (0.3) of its blocks have a single colour, or none has.
     """
     pixels = rgba.view(np.uint32)
     count = len(pixels) // BLOCK

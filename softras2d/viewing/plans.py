@@ -101,9 +101,9 @@ class ViewPlans:
     ) -> Plan:
         """Make a plan with more headroom for this view, and store it for the view's octave of zoom.
 
-        Its lists are 1.25 times as long as needed (`_HEADROOM`). Each further call for the same
-        kind of views and octave doubles this factor, up to `_MAX_HEADROOM`. `grid_bits` is as in
-        `plan`.
+        Its lists are 1.25 times as long as needed (`_HEADROOM`), or 2.5 times if `adopt` was called
+        for the same kind of views and octave. Each further call for them doubles this factor, up to
+        `_MAX_HEADROOM`. `grid_bits` is as in `plan`.
         """
         key = kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, _HEADROOM)
@@ -195,11 +195,12 @@ def _octave(view: View) -> int:
 
 
 def kind_of(scene: Scene, view: View, settings: Settings, grid_bits: int | None = None) -> Hashable:
-    """A key that is the same for views that one program can draw, if its capacities suffice.
+    """A key that is the same for views that one plan can draw, if its capacities suffice.
 
-    It depends on the structure of the scene and the shapes of its arrays, where the number of
-    triangles is rounded up to a size class; on the size of the canvas and `grid_bits`; and on
-    `Settings.without_arrays`. It does not depend on zoom and offset.
+    It depends on the structure of the scene, the dtype of its positions, the shapes of its colours,
+    background and textures, and the number of triangles, rounded up to a size class; on the size of
+    the canvas and `grid_bits`; and on `Settings.without_arrays`. It does not depend on zoom, offset
+    and the number of vertices.
     """
     textures = scene.textures
     return (

@@ -32,7 +32,7 @@ class ViewerServer:
     """A running server of the viewer, which `close` ends. It is also a context manager.
 
     It answers the pages from `session`, which is closed with the server. Raises `OSError` if the
-    port is in use.
+    port cannot be used, for example because it is in use.
 
     - `port`: the port of 127.0.0.1; if the argument is 0, a free port is chosen.
     - `url`: the address of the page, with a secret token.
@@ -78,7 +78,10 @@ class ViewerServer:
             self._thread.join(0.5)
 
     def close(self) -> None:
-        """End the server, its worker and its session, after the picture that is being drawn."""
+        """End the server, its worker and its session, after the picture that is being drawn.
+
+        Waits at most `_END_SECONDS` for the picture, and again after Ctrl-C.
+        """
         try:
             try:
                 self._worker.close(_END_SECONDS)

@@ -1,12 +1,12 @@
 """Answers the requests of a page: pictures, pixels, overlays and costs. Knows nothing of the web.
 
 A request is a dictionary that a page sends as JSON. It has a `kind`, an `id` and a `slot`, which
-the replies repeat, and fields that depend on the kind. All kinds but "subjects" have the fields
-`subject`, the index of a subject, `view` and `settings`, which are objects with the fields of
-`View` and `Settings`. The slot tells the two pictures of a page apart: "a" is the picture of the
-subject that the page shows, and "b" is the picture of the subject with which it is compared. Other
-requests have other slots or none. A newer request of a page replaces its older ones of the same
-kind and slot. A reply has a header, for JSON, and bytes.
+the replies repeat (kinds "error" and "reference" aside), and fields that depend on the kind. All
+kinds but "subjects" have the fields `subject`, the index of a subject, `view` and `settings`, which
+are objects with the fields of `View` and `Settings`. The slot tells the two pictures of a page
+apart: "a" is the picture of the subject that the page shows, and "b" is the picture of the subject
+with which it is compared. Other requests have other slots or none. A newer request of a page
+replaces its older ones of the same kind and slot. A reply has a header, for JSON, and bytes.
 
 A subject is a drawing or an image that the viewer shows (`subject.py`). A view is the part of it
 that a canvas shows, with its zoom (`view.py`).
@@ -306,7 +306,7 @@ def _one_line(error: Exception) -> str:
 def _is_debugging() -> bool:
     """Whether tracebacks are wanted, as the environment variable SOFTRAS2D_DEBUG says.
 
-    They are if it is set to anything but 0.
+    They are if it is set to anything but 0 or an empty string.
     """
     return os.environ.get("SOFTRAS2D_DEBUG", "") not in ("", "0")
 
@@ -321,7 +321,8 @@ def _describe(subject: Subject) -> dict[str, Any]:
 
     It also says whether the subject is an image. If the size cannot be read, it is 1 x 1, and
     `error` is the message. The field `fit`, if a fit made the subject, has `is_running`, and
-    `history` with a list of steps, seconds, PSNR in dB and triangles in use for each record.
+    `history` with a list of steps, seconds, PSNR in dB and triangles in use for each record whose
+    PSNR is finite.
     """
     header: dict[str, Any] = {
         "name": subject.name,

@@ -76,7 +76,10 @@ class Watcher:
                 self._changed.notify()
 
     def forget(self, owner: Hashable) -> None:
-        """Stop calling the functions that an owner has passed to `watch`."""
+        """Stop calling the functions that an owner has passed to `watch`.
+
+        A check that has begun already may still call them.
+        """
         with self._changed:
             self._watched.pop(owner, None)
 

@@ -74,8 +74,8 @@ def cull(scene: Scene, view: View, margin: float) -> tuple[Scene, Int[np.ndarray
 def with_flat_depth(scene: Scene) -> Scene:
     """Give a scene without depth a depth of 0 everywhere.
 
-    Its picture stays the same, but no triangle is left out of a tile because opaque occluders hide
-    it. The lists of tiles are therefore longer: make the plan for the returned scene.
+    Under `Hard` its picture stays the same, but no triangle is left out of a tile because opaque
+    occluders hide it. The lists of tiles are therefore longer: make the plan for the new scene.
     """
     depth = np.zeros(len(scene.positions), np.asarray(scene.positions).dtype)
     return eqx.tree_at(

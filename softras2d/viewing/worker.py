@@ -52,8 +52,8 @@ class Worker:
         """Compute `replies`, and call `deliver` with each, in the thread of the worker.
 
         - `owner`: the page or output that sent the request; `forget` drops all of its jobs.
-        - `name`: kind of the request. An earlier job of the same owner and name is dropped; if its
-          next reply is being computed, that reply is still delivered.
+        - `name`: kind and slot of the request. An earlier job of the same owner and name is
+          dropped; if its next reply is being computed, that reply is still delivered.
         - `rank`: 0 for the most urgent jobs; jobs of greater rank wait.
         """
         with self._changed:
