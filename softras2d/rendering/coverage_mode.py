@@ -79,7 +79,7 @@ class Drawn(NamedTuple):
     - `image`: the image; premultiplied in the result of `CoverageMode.draw`, and with straight
       alpha after `render` has divided by alpha.
     - `needs`: length of each list that the scene needed. If a length exceeds its capacity,
-      triangles are missing from the image.
+      triangles are missing from the image, or edges from its derivative (`Capacity.runs`).
     - `leaves_guard_band`: whether, under `Hard`, a triangle reaches past the guard band, a wide
       margin around the canvas, although the plan does not cut triangles there; the image is then
       wrong.

@@ -43,13 +43,13 @@ def render(scene: Scene, plan: Plan) -> Float[Array, "height width channels"]:
     size share a compiled program. Under your own `jit` the scene is not padded: pad it once,
     outside.
 
-    Raises `ValueError` when the scene outgrows the plan, naming the list that is too short. Under a
-    trace the compiled program raises it when it runs, even if only derivatives are computed; JAX
-    wraps it in an error of its own. JAX keeps no persistent cache entry for a program that can
-    raise. A plan made with `on_overflow="nan"` makes image and derivatives NaN under a trace,
-    instead of raising. A plan with `capacity="worst_case"` cannot be outgrown, and adds no check.
-    Also raises `ValueError` for a batch outside `vmap`, for floats that are neither float32 nor
-    float64, and for effects that the coverage does not draw.
+    Raises `ValueError` when the scene outgrows the plan, and says how. Under a trace the compiled
+    program raises it when it runs, even if only derivatives are computed; JAX wraps it in an error
+    of its own. JAX keeps no persistent cache entry for a program that can raise. A plan made with
+    `on_overflow="nan"` makes image and derivatives NaN under a trace, instead of raising. A plan
+    with `capacity="worst_case"` cannot be outgrown, and adds no check. Also raises `ValueError` for
+    a batch outside `vmap`, for floats that are neither float32 nor float64, and for effects that
+    the coverage does not draw.
     """
     check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)
@@ -66,8 +66,9 @@ def render_checked(
 ) -> tuple[Float[Array, "height width channels"], Bool[Array, ""]]:
     """Draw like `render`, and return a flag instead of raising an error on overflow.
 
-    Returns the image, and whether the scene outgrew the plan. If it did, the image is wrong, mostly
-    because triangles are missing: plan again. It is not NaN, whatever `plan.on_overflow` says.
+    Returns the image, and whether the scene outgrew the plan. If it did, the image or its
+    derivative is wrong, mostly because triangles are missing: plan again. The image is not NaN,
+    whatever `plan.on_overflow` says.
     """
     check_scene_and_plan(scene, plan)
     image, outcome = _render_and_compare(pad_concrete(scene, plan), plan)

@@ -44,7 +44,7 @@ class Visibility(eqx.Module):
 
     - `triangle`: index of the triangle that shows, -1 for background or an unused layer.
     - `scene`, `plan`: the arguments of `rasterize`.
-    - `overflow`: whether the scene outgrew the plan, so that `triangle` is wrong.
+    - `overflow`: whether the scene outgrew the plan, so that buffers or derivatives are wrong.
     """
 
     triangle: Int[Array, "height width samples *layers"]
