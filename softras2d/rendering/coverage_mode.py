@@ -135,7 +135,7 @@ class CoverageMode(abc.ABC):
         return 0
 
     def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
-        """Raise `ValueError` if a drawing has an effect that the mode cannot draw."""
+        """Raise `ValueError`, if a drawing has an effect of `missing`, with its message."""
         for name, advice in self.missing.items():
             if any(map(EFFECTS[name].is_present, drawings)):
                 raise ValueError(advice)
@@ -150,7 +150,8 @@ class CoverageMode(abc.ABC):
     ) -> Listing:
         """Choose tiling and headroom for drawings of one canvas size, and how to count their lists.
 
-        - `drawings`: scenes of concrete arrays, or only of array shapes if `growth.is_worst_case`.
+        - `drawings`: one or more. Their scenes have concrete arrays, or only array shapes if
+          `growth.is_worst_case`.
         - `max_width`: largest `Soft.width` to allow for, in pixels; None for the option's width.
         - `growth`: how far later scenes may exceed these. The lists are counted without it.
         - `tile_side`: pixels along a side of a tile under analytic coverage; by default the side of

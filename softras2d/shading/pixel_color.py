@@ -2,9 +2,9 @@
 
 A slot is a triangle in a tile (`binning.lists`). The barycentric weights of the corners tell at
 which point a triangle is shaded. With exact area this is the centroid of the part of the triangle
-in the pixel, so that affine colours are averaged exactly. With soft coverage it is the pixel's
-centre, or the triangle's point nearest to the centre. The weights have derivatives with respect to
-the positions, from which all such derivatives of colours follow.
+in the pixel, so that affine colours are averaged exactly. With soft coverage it is the triangle's
+point nearest to the pixel's centre. The weights have derivatives with respect to the positions,
+from which all such derivatives of colours follow.
 """
 
 import functools

@@ -26,8 +26,8 @@ class Lookup(NamedTuple):
 
     - `filter_name`: name of the filter within a mip level, as in `Filter.pixel`.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
-    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
-      1).
+    - `addressing`: `"half_texel"` puts texel i of the n along an axis at (i + 0.5) / n, and
+      `"corners"` puts it at i / (n - 1).
     """
 
     filter_name: PixelFilter

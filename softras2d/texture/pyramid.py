@@ -26,8 +26,8 @@ class TexturePyramid(eqx.Module):
     - `levels`: for each texture and level, the index of its first texel, its height and its width
       in texels. A texture with fewer levels than others repeats its last level.
     - `border`: beyond 0..1, `"clamp"` repeats the border texel and `"repeat"` tiles the texture.
-    - `addressing`: `"half_texel"` puts texel i at (i + 0.5) / width, `"corners"` at i / (width -
-      1).
+    - `addressing`: `"half_texel"` puts texel i of the n along an axis at (i + 0.5) / n, and
+      `"corners"` puts it at i / (n - 1).
     """
 
     texels: Float[Array, "texels channels"]

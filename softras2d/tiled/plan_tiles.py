@@ -182,8 +182,8 @@ def plan_tiles(
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
-    The plan's witness (`pieces.with_witness`) is appended to a scene with triangles. Raises
-    `ValueError` for other types, a traced scene, and one with fewer triangles than the lists name.
+    If the plan has a witness (`pieces.with_witness`), it is appended if there is any triangle.
+    Raises `ValueError` for other types, a traced scene, or fewer triangles than the lists name.
     """
     check_type("scene", scene, Scene)
     check_type("plan", plan, TiledPlan, "softras2d.plan_tiles(scene, ...)")
