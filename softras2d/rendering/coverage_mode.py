@@ -135,7 +135,7 @@ class CoverageMode(abc.ABC):
         return 0
 
     def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
-        """Raise `ValueError`, if a drawing has an effect of `missing`, with its message."""
+        """Raise `ValueError` if a drawing has an effect of `missing`, whose message it then has."""
         for name, advice in self.missing.items():
             if any(map(EFFECTS[name].is_present, drawings)):
                 raise ValueError(advice)

@@ -47,7 +47,7 @@ _MOST_PIXELS = 2**20
 class TiledPlan:
     """How to draw one scene on a large canvas window by window, made by `plan_tiles`.
 
-    - `cut`: the canvas and its windows, each a square of the canvas that is drawn by itself.
+    - `cut`: the canvas and its windows, parts of the canvas that are each drawn by themselves.
     - `origin`: the pixel (x, y) of the scene at the canvas's upper left.
     - `border`: width, in pixels, of the margin that is drawn around each window, for gradients with
       respect to positions; 0 for none (`Cut.drawn_window`).
@@ -141,9 +141,9 @@ def plan_tiles(
     - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel. By default
       the grid is the one that `plan` chooses for a canvas of up to 16384 pixels a side, and 2^-8
       pixel for a larger canvas.
-    - `gradients`: whether the plan is for `tiled_value_and_grad`. Under `Hard`, every window is
-      then drawn with a border of one pixel, so that edges between two windows have their
-      derivative.
+    - `gradients`: whether the plan is for `tiled_value_and_grad`. Under `Hard`, unless
+      `edge_gradients` is off, every window is then drawn with a border of one pixel, so that edges
+      between two windows have their derivative.
 
     Under `Hard`, windows equal the image that `render` draws with the default plan of the whole
     canvas (of the same `grid_bits`), to the bit, unless a triangle is so large that an edge is cut
