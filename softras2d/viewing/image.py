@@ -37,8 +37,8 @@ class ImageCache:
     def get(self, path: Path, version: int) -> Float[np.ndarray, "height width channels"]:
         """Return the image of a file, which is read unless this version of it is in the cache.
 
-        `version` is a number that changes whenever the file does. The image has floats in 0..1, in
-        sRGB, and 3 or 4 channels with straight alpha.
+        `version` is a number that changes whenever the file does. The image has floats in sRGB, in
+        0..1 unless the file stores floats, and 3 or 4 channels with straight alpha.
         """
         key = (str(path), version)
         if key not in self._images:

@@ -185,7 +185,8 @@ class Session:
     def edges(self, request: Mapping[str, Any]) -> Iterator[Reply]:
         """Reply with the corners of the triangles in view, (x, y) in pixels as float32.
 
-        The pixels are those of the canvas. The header has the number of triangles.
+        The pixels are those of the canvas. The header has the number of triangles in the reply,
+        which are at most `overlays.MOST_EDGES`.
         """
         subject, view, _ = self._read(request)
         corners = triangle_edges(subject.scene_at(view.zoom), view)
