@@ -498,7 +498,7 @@ class Viewer {
     startSection("Overlays", true);
     addCheckbox("edges", "Triangle edges", () => this.toggleOverlay("edges"));
     addCheckbox("tiles", "Tiles, and how full", () => this.toggleOverlay("tiles"));
-    addCheckbox("gradients", "Gradients by positions", () => this.toggleOverlay("gradients"));
+    addCheckbox("gradients", "Gradients of positions", () => this.toggleOverlay("gradients"));
     this.tilesNote = addHint();
 
     startSection("Compare", false);
