@@ -244,7 +244,8 @@ class CourseReader:
 
         The corners are mapped to pixels, but a rotation or skew of the image is ignored, and a
         mirrored image draws nothing. Each pixel has the colour of the image at its centre, sampled
-        bilinearly and opaque. An image without `href` is counted for the warning.
+        bilinearly and opaque. An image without `href` is counted for the warning. Raises
+        `ValueError` for corners that are not finite in float32.
         """
         x, y, width, height = (
             leading_float(attributes.get(n)) for n in ("x", "y", "width", "height")
@@ -255,6 +256,8 @@ class CourseReader:
             return
         picture = self._context.assets.picture(href)[..., :3]
         ends = affine_maps.apply(map3, [[x, y], [x + width, y + height]]).astype(np.float32)
+        if not np.isfinite(ends).all():
+            raise ValueError("a coordinate is not finite in float32.")
         columns, u = _pixels(ends[:, 0], self._context.width)
         rows, v = _pixels(ends[:, 1], self._context.height)
         if len(columns) == 0 or len(rows) == 0:

@@ -209,6 +209,16 @@ def test_course_images_by_hand():
     assert scene.triangles.shape[0] == 2
 
 
+def test_course_images_beyond_float32_are_refused():
+    image = (
+        f'<image x="-1e38" width="2e38" height="4" xlink:href="{embedded(PIXELS)}" '
+        'transform="scale(100000 100000)"/>'
+    )
+    text = f'<svg {NS} width="9" height="9">\n{image}</svg>'
+    with pytest.raises(ValueError, match=r"^<svg>:2: <image> a coordinate is not finite"):
+        parse_svg(text, dialect="course")
+
+
 REFUSED = "outside|not a file beside|no such file|cannot be|is empty"
 
 
