@@ -122,14 +122,15 @@ class SvgControls(eqx.Module):
 
         Only the attributes in which control points are written change: numbers are rounded to
         float32, and commands become absolute. Raises `ValueError` for points of another shape or
-        that are not finite, for a file that is not in ASCII or UTF-8, and for an attribute that
-        only a DTD gives.
+        that are not finite in float32, for a file that is not in ASCII or UTF-8, and for an
+        attribute that only a DTD gives.
         """
-        points = np.asarray(self.points if points is None else points, np.float64)
-        if points.shape != self.points.shape or not np.isfinite(points).all():
-            raise ValueError(
-                f"`points` must be finite and of shape {self.points.shape}; got {points.shape}."
-            )
+        with np.errstate(over="ignore"):
+            points = np.asarray(self.points if points is None else points).astype(np.float32)
+        if points.shape != self.points.shape:
+            raise ValueError(f"`points` must have shape {self.points.shape}; got {points.shape}.")
+        if not np.isfinite(points).all():
+            raise ValueError("`points` must be finite in float32.")
         texts = {}
         for path in self._paths:
             path_points = points[path.first : path.first + len(path.path.points)]

@@ -75,6 +75,8 @@ def test_moved_points_are_written_and_read_back(controls, tmp_path):
     np.testing.assert_allclose(same.positions, controls.scene.positions, atol=1e-4)
     with pytest.raises(ValueError, match="shape"):
         controls.text(points[:-1])
+    with pytest.raises(ValueError, match="finite in float32"):
+        controls.text(np.full(points.shape, 1e300))
     with pytest.raises(ValueError, match="not for control points"):
         sr.write_svg(tmp_path / "d.svg", controls, height=50, width=60)
 
