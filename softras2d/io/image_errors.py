@@ -37,13 +37,13 @@ def unreadable_message(name: str, path: Path) -> str:
 def reason_text(message: str, path: Path) -> str:
     """The first line of a message of OpenImageIO, as ` (...)` to be appended to another message.
 
-    The path and the name of the file are removed or replaced by "it", and characters that cannot be
-    printed by "?". Returns an empty string for an empty message.
+    The path of the file is removed or replaced by "it", and characters that cannot be printed by
+    "?". Returns an empty string for an empty message.
     """
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):
         first = first.replace(quoted, "")
-    for named in (f'"{path}"', str(path), path.name):
+    for named in (f'"{path}"', str(path)):
         first = first.replace(named, "it")
     first = "".join(c if c.isprintable() else "?" for c in first).rstrip(".")
     return f" ({first})" if first else ""
