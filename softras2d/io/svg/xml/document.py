@@ -48,11 +48,13 @@ class Document(NamedTuple):
     - `name`: name of the document in errors and warnings.
     - `folder`: folder to which names of image files are relative; None for a document that is not
       from a file.
+    - `encoding`: encoding of `data`; None for the one that the document declares.
     """
 
     data: bytes
     name: str
     folder: Path | None
+    encoding: str | None = None
 
 
 class Children(enum.Enum):
@@ -140,10 +142,14 @@ def load(path: str | os.PathLike[str]) -> Document:
 def from_text(text: str | bytes, name: str) -> Document:
     """Make a document of its text, which belongs to no folder; errors call the document `name`.
 
-    Bytes may be compressed (`.svgz`). A `str` becomes UTF-8. Raises `SvgError` for a document that
-    is too large, or that cannot be decompressed.
+    Bytes may be compressed (`.svgz`). The encoding that a `str` declares is ignored, since its
+    characters are known. Raises `SvgError` for a document that is too large, or that cannot be
+    decompressed.
     """
-    return _checked(Document(text.encode() if isinstance(text, str) else text, name, None))
+    if isinstance(text, bytes):
+        return _checked(Document(text, name, None))
+    # The parser refuses lone surrogates, with their line.
+    return _checked(Document(text.encode(errors="surrogatepass"), name, None, "utf-8"))
 
 
 def _checked(document: Document) -> Document:
@@ -218,7 +224,7 @@ def walk(
     `reader.inside` or `reader.close`, and for work beyond the budget.
     """
     budget = budget or Budget()
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate(document.encoding)
     depth = 0
     # Depth relative to the parent of an element whose children are not read: 1 in that element,
     # 2 in its children, and 0 outside of such elements.
@@ -280,7 +286,7 @@ def root(document: Document) -> tuple[str, Attributes]:
 
     Raises `SvgError` for an error in the XML that comes before the end of the root's start tag.
     """
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate(document.encoding)
     elements: list[tuple[str, Attributes]] = []
 
     def start(tag: str, attributes: Attributes) -> None:

@@ -69,6 +69,13 @@ def test_encodings_are_read(encoding):
     assert parse_svg(text.encode(encoding)).triangles.shape[0] == 2
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "iso-8859-1", "klingon"])
+def test_a_string_is_read_whatever_encoding_it_declares(encoding):
+    text = f'<?xml version="1.0" encoding="{encoding}"?>{HEAD}<é/>{RECT}</svg>'
+    with pytest.warns(UserWarning, match="é"):
+        assert parse_svg(text).triangles.shape[0] == 2
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -79,8 +86,9 @@ def test_encodings_are_read(encoding):
         (f"{HEAD}</svg>\n{HEAD}</svg>", ":2: not well-formed"),
         (f'{HEAD}\n<rect x="1" x="2"/></svg>', ":2: not well-formed.*duplicate"),
         ("<html/>", ":1: <html> .*root"),
-        ('<?xml version="1.0" encoding="klingon"?><svg/>', ":1: .*encoding"),
-        ('<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
+        (b'<?xml version="1.0" encoding="klingon"?><svg/>', ":1: .*encoding"),
+        (b'<?xml version="1.0" encoding="big5"?><svg/>', ":1: .*(encoding|decoded)"),
+        (f"{HEAD}\n\ud800</svg>", ":2: not well-formed"),
         (b'<svg width="1" height="1">\n\xff\xfe</svg>', ":2: not well-formed"),
         (b"\0\0\0", ":1: not well-formed"),
         (gzip.compress(b"<svg/>" * 50, mtime=0)[:-9], "decompressed: it is cut short"),
