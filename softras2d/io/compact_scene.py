@@ -154,7 +154,6 @@ def _decode(data: bytes) -> CompactScene:
     """Read the scene and the size of its canvas from the bytes of a file.
 
     Raises `ValueError`, `struct.error` or `zlib.error` if they are not a complete, valid file.
-    Bytes after the end of the zlib stream are ignored.
     """
     if not data.startswith(_MARK):
         raise ValueError("it does not begin with the mark of the format")
@@ -172,6 +171,8 @@ def _decode(data: bytes) -> CompactScene:
     body = unpacker.decompress(data[len(_MARK) + _HEADER.size :], body_bytes + 1)
     if len(body) != body_bytes or not unpacker.eof:
         raise ValueError(f"{body_bytes} bytes of data were expected; got {len(body)}")
+    if unpacker.unused_data:
+        raise ValueError(f"{len(unpacker.unused_data)} bytes follow the end of its data")
     steps = _decode_integers(body[: 8 * vertices])
     if is_implied:
         soup = steps.reshape(2, 3, count).transpose(2, 1, 0).copy()

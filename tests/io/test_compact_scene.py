@@ -63,11 +63,12 @@ def test_hostile_files_are_refused(tmp_path):
     path = tmp_path / "a.s2d"
     sr.write_compact(path, mesh(), height=30, width=40)
     data = bytearray(path.read_bytes())
-    # The files claim too many triangles, unpack to too many bytes, or name a missing vertex.
+    # The files claim too many triangles, unpack to too many bytes, name a missing vertex, or go on.
     for wrong in (
         data[:20] + struct.pack("<I", 2**31) + data[24:],
         data[:32] + zlib.compress(bytes(10**7)),
         data[:32] + zlib.compress(bytes(40) + b"\x7f" * 48 + bytes(64)),
+        data + b"\0",
     ):
         path.write_bytes(wrong)
         with pytest.raises(ValueError, match="not a complete compact scene"):
