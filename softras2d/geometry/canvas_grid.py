@@ -1,10 +1,10 @@
 """The canvas with its fixed-point grid, to which vertices are snapped."""
 
-import operator
 from typing import Any, NamedTuple, SupportsIndex
 
 import numpy as np
 
+from ..numerics.arguments import checked_integer
 from ..numerics.array_types import HostOrDeviceArray
 
 MAX_GRID_BITS = 18
@@ -49,13 +49,9 @@ class Grid(NamedTuple):
         Raises `ValueError` for a size or `bits` that is no integer or outside its range. `bits`
         must be an integer of Python or NumPy.
         """
-        try:
-            height, width = operator.index(height), operator.index(width)
-        except TypeError:
-            message = f"`height` and `width` must be integers; got {height!r} and {width!r}."
-            raise ValueError(message) from None
-        finest = 23 - (2 * max(height, width, 1) - 1).bit_length()
-        if min(height, width) < 1 or finest < 8:
+        height, width = checked_integer("height", height, 1), checked_integer("width", width, 1)
+        finest = 23 - (2 * max(height, width) - 1).bit_length()
+        if finest < 8:
             raise ValueError(
                 f"`height` and `width` must be in 1..16384; got {height} and {width} "
                 "(draw a larger image in pieces, with `origin`)."

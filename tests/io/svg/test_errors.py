@@ -149,7 +149,8 @@ def test_a_style_sheet_of_another_file_is_named():
     [
         ({"fit": "cover", "dialect": "course"}, "`fit` applies to dialect 'svg' only"),
         ({"fit": "cover", "transform": np.eye(3)}, "give `fit` or `transform`, not both"),
-        ({"height": 10.5}, "whole numbers of pixels"),
+        ({"height": 10.5}, "<svg>: `height` must be an integer in 1..1048576; got 10.5"),
+        ({"width": True}, "<svg>: `width` must be an integer in 1..1048576; got True"),
         ({"tolerance": 1e9}, "`tolerance` must be"),
     ],
 )

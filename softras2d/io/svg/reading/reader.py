@@ -12,6 +12,7 @@ import numpy as np
 
 from ....geometry.affine_maps import check_map
 from ....names import SvgDialect
+from ....numerics.arguments import checked_integer
 from ....scene import Scene
 from ...budget import Budget
 from ...shapes.paths import TOLERANCE
@@ -358,13 +359,9 @@ def _canvas_size(
         file_height, file_width = declared_size(document, dialect, tree)
         height = file_height if height is None else height
         width = file_width if width is None else width
-    is_integer = all(isinstance(side, int | np.integer) for side in (height, width))
-    if not is_integer or not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
-        raise ValueError(
-            f"{document.name}: `height` and `width` must be whole numbers of pixels, 1 to "
-            f"{MAX_SIDE}; got {height!r} and {width!r}."
-        )
-    return height, width
+    with _name_document_in_errors(document):
+        height = checked_integer("height", height, 1, MAX_SIDE)
+        return height, checked_integer("width", width, 1, MAX_SIDE)
 
 
 def _check_dialect(dialect: str) -> None:

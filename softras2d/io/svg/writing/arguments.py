@@ -13,7 +13,7 @@ def check_canvas(height: Any, width: Any) -> None:
     """Raise `ValueError` unless both sides of a canvas are finite numbers of 1 pixel or more."""
     for side in (height, width):
         is_number = isinstance(side, int | float | np.integer | np.floating)
-        if not is_number or not 1 <= side < float("inf"):
+        if not is_number or isinstance(side, bool) or not 1 <= side < float("inf"):
             raise ValueError(
                 "`height` and `width` must be numbers of pixels, 1 or more; got "
                 f"{height!r} and {width!r}."

@@ -259,7 +259,7 @@ def test_sizes_are_read_or_refused(tmp_path):
 )
 def test_invalid_options_are_refused(options):
     text = f"{HEAD}{RECT}</svg>"
-    with pytest.raises(ValueError, match=r"height|dialect|frame|transform"):
+    with pytest.raises(ValueError, match=r"height|width|dialect|frame|transform"):
         parse_svg(text, **options)
 
 
