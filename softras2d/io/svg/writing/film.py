@@ -49,8 +49,11 @@ def write_svg_film(
     check_writable_path(path)
     if not scenes:
         raise ValueError(f"{path}: there are no frames; a film needs at least one.")
-    if not 0 < seconds_per_frame < float("inf"):
-        raise ValueError(f"`seconds_per_frame` must be above 0; got {seconds_per_frame}.")
+    is_number = isinstance(seconds_per_frame, int | float | np.number)
+    if not is_number or not 0 < seconds_per_frame < float("inf"):
+        raise ValueError(
+            f"`seconds_per_frame` must be a number above 0; got {seconds_per_frame!r:.60}."
+        )
     check_digits(digits)
     check_canvas(height, width)
     for number, scene in enumerate(scenes):
