@@ -70,7 +70,7 @@ def parse_pixel(text: str | Pixel) -> Pixel:
 def parse_color(text: str | Color) -> Color:
     """Parse a CSS colour, such as a name, `#rrggbb`, `rgb(...)` or `transparent`.
 
-    Values of `rgb(...)` beyond 0..255 are not clipped. A `Color` is returned unchanged. Raises
+    Values of `rgb(...)` are clipped to 0..255, as CSS says. A `Color` is returned unchanged. Raises
     `typer.BadParameter` for other text.
     """
     if isinstance(text, Color):
@@ -80,7 +80,7 @@ def parse_color(text: str | Color) -> Color:
     color = parse_css(text)
     if color is None or isinstance(color, str):
         raise typer.BadParameter(f"{text!r} is not a CSS colour, such as white or #336699.")
-    return Color(*map(float, color))
+    return Color(*(min(max(float(channel), 0.0), 1.0) for channel in color))
 
 
 Samples = Annotated[

@@ -215,6 +215,7 @@ def test_sizes_are_parsed_and_fit_the_drawing():
 def test_colours_are_parsed():
     assert options.parse_color("transparent") == (0, 0, 0, 0)
     assert options.parse_color("rgba(255, 0, 0, 0.5)") == (1, 0, 0, 0.5)
+    assert options.parse_color("rgb(300, -5, 0)") == (1, 0, 0, 1)
 
 
 class TestOnRealScenes:
