@@ -114,7 +114,8 @@ def _exact_image(
       in an 8-bit file, the result is rounded to such values, too.
     - `dialect`: dialect of SVG in which the drawing is read.
 
-    Returns floats `[height, width, 3 or 4]` in 0..1, in sRGB with straight alpha.
+    Returns floats `[height, width, 3 or 4]` in 0..1, in sRGB with straight alpha. Raises
+    `ValueError`, which names the option `--against`, for a number of samples that is not allowed.
     """
     from ..io.pixel_values import round_to_levels
     from .render_steps import make_plan, read_scene, render_image
@@ -122,7 +123,11 @@ def _exact_image(
     height, width, _ = image.shape
     settings = RenderOptions(samples, Size(width, height), dialect)
     scene, height, width = read_scene(drawing, settings)
-    exact = render_image(scene, make_plan(scene, height, width, settings))
+    try:
+        plan = make_plan(scene, height, width, settings)
+    except ValueError as error:
+        raise ValueError(str(error).replace("--samples", "--against")) from None
+    exact = render_image(scene, plan)
     # A renderer that computes the exact image and stores it in 8 bits must differ in no pixel.
     is_rounded = (round_to_levels(image) == image).all()
     return round_to_levels(exact) if is_rounded else exact

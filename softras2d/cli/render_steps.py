@@ -134,6 +134,7 @@ _IN_OPTIONS = {
     "`width` must be one number of pixels above 0": "--soft-width must be a number above 0",
     "`lod_bias`": "--lod-bias",
     "`origin`": "--origin",
+    "`samples`": "--samples",
     "`tile`": "--tile",
 }
 """Texts in errors of `plan` and `plan_tiles`, and what the command line says instead."""

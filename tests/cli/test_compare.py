@@ -89,7 +89,7 @@ def test_the_options_of_a_drawing_are_passed_on(files, monkeypatch):
         (("a.png", "small.png"), "a.png and small.png must have the same size; got 7 x 6 and"),
         (("a.png", "a.png", "--against", "4"), "a.png: --against applies to an .svg drawing only."),
         (("a.svg", "a.png"), "a.svg: the image to test cannot be a drawing"),
-        (("a.png", "a.svg", "--against", "5"), "`samples` must be one of 1, 4, 9, 16, 64, 256"),
+        (("a.png", "a.svg", "--against", "5"), "--against must be one of 1, 4, 9, 16, 64, 256"),
         (("a.png", "a.png", "-o", "a.txt"), "a.txt: the suffix must be one of .png"),
     ],
 )

@@ -41,6 +41,7 @@ def test_contradictions_are_one_line(tmp_path):
         (("-o", tmp_path / "a.png", "--tile", "64"), "--tile needs --tiled"),
         (("-o", tmp_path / "a.jpg", "--tiled"), "the suffix of a tiled image must be one of"),
         (("-o", tmp_path / "a.png", "--tiled", "--tile", "100"), "--tile must be a multiple of 32"),
+        (("-o", tmp_path / "a.png", "--samples", "5"), "--samples must be one of 1, 4, 9, 16"),
         (("-o", tmp_path / "a.png", "--lod-bias", "nan"), "--lod-bias must be one finite number"),
     ):
         code, output = run("wheel", *arguments)
