@@ -71,8 +71,9 @@ def _html(draw: Callable[[], np.ndarray | None], text: str) -> str | None:
     source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
     style = _CHECKERBOARD if image.shape[-1] == 4 else ""
     escaped = html.escape(text)
+    first_line = escaped.partition("\n")[0]
     return (
-        f'<img src="{source}" alt="{escaped.splitlines()[0]}" style="{style}">'
+        f'<img src="{source}" alt="{first_line}" style="{style}">'
         f'<pre style="white-space: pre-wrap">{escaped}</pre>'
     )
 

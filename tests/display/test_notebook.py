@@ -119,6 +119,12 @@ def test_texts_are_escaped():
     assert 'alt="a &lt;b&gt; &quot;c&quot;"' in shown
 
 
+def test_an_image_is_shown_above_an_empty_text():
+    shown = image_html(np.zeros((2, 2, 3)), "")
+    assert shown is not None
+    assert picture_of(shown).shape == (2, 2, 3) and 'alt=""' in shown
+
+
 def test_buffers_show_the_numbers_of_triangles():
     buffers = visible(SQUARE.astype(float), np.ones((2, 3)), height=30, width=50)
     shown = buffers_html(buffers, "buffers")
