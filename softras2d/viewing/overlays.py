@@ -75,7 +75,7 @@ def position_gradients(
 
     `target` is straight RGBA of the size of the view. The mean is over R, G and B, in 0..1, of all
     pixels, and is weighted by the alpha of the target: pixels where the target is transparent do
-    not count. The picture's premultiplied colours are compared with the target's straight ones.
+    not count. Premultiplied colours are compared, as in a fit.
 
     Each row of the result is the position (x, y) of a vertex in pixels of the canvas, and the
     derivative with respect to its x and y. Rows are sorted by the length of the gradient, longest
@@ -109,7 +109,7 @@ def _gradient(
 
     def loss(positions: Float[Array, "vertices 2"]) -> tuple[Array, Array]:
         image, overflow = render_checked(replace(scene, positions=positions), plan)
-        difference = premultiply(image)[..., :3] - target[..., :3]
+        difference = premultiply(image)[..., :3] - premultiply(target)[..., :3]
         weight = target[..., 3:]
         return jnp.sum(weight * difference**2) / jnp.maximum(3.0 * jnp.sum(weight), 1.0), overflow
 
