@@ -8,12 +8,15 @@ runs, and the front end keeps the old ones.
 """
 
 import functools
+import logging
 import threading
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 from .worker import Worker
+
+_LOGGER = logging.getLogger(__name__)
 
 _POLL_SECONDS = 0.5
 """Time, in seconds, between two checks whether subjects have changed."""
@@ -44,6 +47,13 @@ class _Watched:
     last_versions: list[int]
     tell: Callable[[list[int]], None]
 
+    def check(self) -> None:
+        """Call `tell` if the versions have changed since the last check."""
+        versions = self.versions()
+        if versions != self.last_versions:
+            self.last_versions = versions
+            self.tell(versions)
+
 
 class Watcher:
     """Checks the versions of subjects periodically, in a separate thread.
@@ -67,8 +77,9 @@ class Watcher:
         """Call `tell` with the result of `versions`, whenever the result has changed.
 
         `versions` returns the version of each subject. It is called once now, and then in the
-        thread of the watcher, as `tell` is. `owner` is the key with which `forget` stops this; if
-        the owner is watched already, nothing changes.
+        thread of the watcher, as `tell` is. If one of them raises there, the error is logged and
+        the owner forgotten. `owner` is the key with which `forget` stops this; if the owner is
+        watched already, nothing changes.
         """
         with self._changed:
             if owner not in self._watched:
@@ -89,10 +100,13 @@ class Watcher:
             with self._changed:
                 while not self._watched:
                     self._changed.wait()
-                watched = list(self._watched.values())
-            for contents in watched:
-                versions = contents.versions()
-                if versions != contents.last_versions:
-                    contents.last_versions = versions
-                    contents.tell(versions)
+                watched = list(self._watched.items())
+            for owner, contents in watched:
+                try:
+                    contents.check()
+                except Exception as error:
+                    # A widget that fails must not end the thread, which serves others too.
+                    reason = " ".join(str(error).split())[:300]
+                    _LOGGER.error("changes are no longer watched for a widget: %s", reason)
+                    self.forget(owner)
             time.sleep(self._seconds)
