@@ -52,17 +52,20 @@ class PlanCompiler:
         """Wait until the plan of a kind of views is made and compiled, and return it.
 
         `kind` is a result of `plans.kind_of`. The plan stays stored. Returns None if the plan was
-        not requested, was dropped (`start`), or cannot be made.
+        not requested, was dropped (`start`, `close`), or cannot be made.
         """
         plan = self._plans.get(kind)
-        return None if plan is None or plan.exception() is not None else plan.result()
+        try:
+            return None if plan is None else plan.result()
+        except Exception:
+            return None
 
     def is_busy(self) -> bool:
         """Whether a plan is being made or compiled, or is waiting for that."""
         return not all(plan.done() for plan in self._plans.values())
 
     def close(self) -> None:
-        """Wait for the program that is being compiled, and begin no other."""
+        """Wait for the program that is being compiled; drop the plans that are still waiting."""
         self._is_closed = True
         self._thread.shutdown(cancel_futures=True)
 
