@@ -48,10 +48,11 @@ def check_palette(settings: dict[str, Any]) -> None:
     if isinstance(palette, int) and not isinstance(palette, bool):
         is_valid = 1 <= palette <= MAX_PALETTE
     else:
-        is_valid = isinstance(palette, list) and 1 <= len(palette) <= MAX_PALETTE
-        colors = np.array(palette, np.float64) if is_valid and _is_table(palette) else np.array([2])
-        # The comparison is false for NaN.
-        is_valid = bool(((colors >= 0) & (colors <= 1)).all())
+        is_valid = (
+            isinstance(palette, list)
+            and 1 <= len(palette) <= MAX_PALETTE
+            and all(map(_is_color, palette))
+        )
     if not is_valid:
         raise ValueError(
             f"`palette` must be a number of colours from 1 to {MAX_PALETTE}, or an array of "
@@ -69,13 +70,13 @@ def check_palette(settings: dict[str, Any]) -> None:
         )
 
 
-def _is_table(rows: Any) -> bool:
-    """Whether each entry of a list is a list of three numbers, of which none is a boolean."""
-    return all(
-        isinstance(row, list)
-        and len(row) == 3
-        and all(isinstance(x, int | float) and not isinstance(x, bool) for x in row)
-        for row in rows
+def _is_color(value: Any) -> bool:
+    """Whether a value is a list of three numbers in 0..1, of which none is NaN or a boolean."""
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
+        and all(0 <= x <= 1 for x in value)
     )
 
 
@@ -128,7 +129,8 @@ def check_freeze(settings: dict[str, Any]) -> None:
     `"colors"` needs the setting `colors` to be `"together"`.
     """
     groups = settings["freeze"]
-    if not isinstance(groups, list) or not set(groups) <= set(get_args(names.FreezeGroup)):
+    allowed = get_args(names.FreezeGroup)
+    if not isinstance(groups, list) or not all(group in allowed for group in groups):
         raise ValueError(f"`freeze` must be a list of names; got {groups!r:.60}.")
     if "vertices" in groups and settings["family"] != "mesh":
         raise ValueError("`freeze` of 'vertices' is for a mesh: layers share no vertices.")
@@ -181,13 +183,8 @@ def check_background(settings: dict[str, Any]) -> None:
     the default `"mean"` is allowed.
     """
     background = settings["background"]
-    is_color = (
-        isinstance(background, list)
-        and _is_table([background])
-        and all(0 <= value <= 1 for value in background)
-    )
     is_name = isinstance(background, str) and background in get_args(names.FitBackground)
-    if not is_color and not is_name:
+    if not _is_color(background) and not is_name:
         allowed = ", ".join(map(repr, get_args(names.FitBackground)))
         raise ValueError(
             f"`background` must be one of {allowed}, or a colour [3] in 0..1; got "

@@ -122,6 +122,7 @@ SETTINGS = {
     "settings": None, "interrupted": None, "format": 2, "triangles": None, "family": "quads",
     "solver": 3, "seed": -1, "size": "big", "shading": "phong", "translucent": 1,
     "softness": [1, 2, 3], "colors": [], "loss": {}, "light": None, "start": "here", "more": 1,
+    "freeze": [[1]],
 }  # fmt: skip
 
 

@@ -148,6 +148,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`palette` must be a number of colours from 1 to 256": {"palette": 0},
     "that many colours": {"palette": [[0, 0, 2]]},
     "got 'red'": {"palette": "red"},
+    "in 0..1; got [[1000": {"palette": [[10**400, 0, 0]]},
     "it needs `shading='flat'`; got 'gouraud'": {"palette": 4, "shading": "gouraud"},
     "it needs `colors='together'`; got 'solve'": {"palette": 4, "colors": "solve"},
     "must have names from 'positions', 'colors'": {"freeze": "shapes"},
