@@ -218,7 +218,8 @@ def _for_each(name: str, value: Any, count: int) -> list[Any]:
     """
     if value is None or isinstance(value, str | Scene | Mesh):
         return [value] * count
-    is_sequence = isinstance(value, Sequence | np.ndarray | jax.Array)
+    is_array = isinstance(value, np.ndarray | jax.Array)
+    is_sequence = isinstance(value, Sequence) or (is_array and value.ndim > 0)
     if not is_sequence or len(value) != count:
         got = f"{len(value)}" if is_sequence else f"{value!r:.60}"
         raise ValueError(f"`{name}` must be one for each of {count} targets; got {got}.")

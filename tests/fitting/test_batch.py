@@ -38,6 +38,7 @@ def test_a_batch_fits_as_well_as_each_target_alone():
         ({"targets": [TARGET, TARGET[1:]]}, "images of one shape"),
         ({"targets": []}, "images of one shape"),
         ({"start": ["uniform"]}, "`start` must be one for each of 2 targets; got 1"),
+        ({"start": np.array("error")}, "`start` must be one for each of 2 targets; got array("),
         (
             {"start": "here"},
             "`start` must be 'error', 'uniform', 'delaunay' or a Scene; got 'here'",
