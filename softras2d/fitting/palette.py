@@ -197,7 +197,7 @@ def quantize(
             gradients, curvatures = gradients[: len(colors)], curvatures[: len(colors)]
         weight = np.asarray(curvatures, np.float64).mean(1)
         step = np.asarray(gradients, np.float64) / np.maximum(weight, _LEAST_WEIGHT)[:, None]
-        ideal = np.clip(present - np.where((weight > _LEAST_WEIGHT)[:, None], step, 0.0), -1, 2)
+        ideal = present - np.where((weight > _LEAST_WEIGHT)[:, None], step, 0.0)
         if improves_palette:
             palette = _lloyd(palette, ideal, weight, _ROUNDS_PER_BOUND)
         assigned = palette[nearest(palette, ideal)]

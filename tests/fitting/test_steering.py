@@ -1,7 +1,7 @@
 """Options that steer a fit: palettes, frozen inputs, backgrounds, custom losses, callbacks."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import pytest
 
 import softras2d as sr
 from softras2d.fitting.mesh.start import uniform_start
-from softras2d.fitting.palette import first_palette, in_palette
+from softras2d.fitting.palette import first_palette, in_palette, quantize
 from softras2d.fitting.prepare import check_images
 from softras2d.fitting.score import Scorer
 from softras2d.fitting.target import Target
@@ -71,6 +71,28 @@ def test_a_palette_found_during_a_fit_is_better_than_after_it():
     after = scorer.score(replace(free.scene, colors=colors, background=background)).psnr
     # The gain is 0.6 dB on this picture; `experiments/fit_steering` measures photographs.
     assert sr.fit(TARGET, palette=4, **settings).psnr > after + 0.4
+
+
+def test_a_faint_triangle_takes_the_best_color_of_the_palette():
+    """The best colour of any is (10, 0, 0), to which white is nearer than dark red."""
+
+    class Unknowns(NamedTuple):
+        colors: jax.Array
+
+    class Data(NamedTuple):
+        background: jax.Array
+
+    def faint(y, data):
+        image = jnp.full((4, 4, 4), 0.1).at[..., :3].set(y.colors[0, 0])
+        return jnp.zeros(()), (image, ())
+
+    palette = np.array([[1, 1, 1], [0.5, 0, 0]], np.float32)
+    red = np.tile(np.array([1, 0, 0, 1], np.float32), (4, 4, 1))
+    quantized = quantize(
+        faint, Unknowns(jnp.ones((1, 1, 3))), Data(jnp.zeros(4)), Target(red), palette,
+        improves_palette=False, quantizes_background=False,
+    )  # fmt: skip
+    np.testing.assert_array_equal(quantized.colors, [[1, 1, 1]])
 
 
 def cloud() -> sr.Scene:
