@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -243,6 +244,21 @@ def test_softness_falls_to_its_last_width():
     assert result.settings["softness"] == [4.0, 0.8]
     assert result.state["width"] == np.float32(0.8)
     assert result.psnr > -10 * np.log10(((TARGET - TARGET.mean((0, 1))) ** 2).mean()) + 5
+
+
+def test_losses_are_those_at_the_present_softness(monkeypatch):
+    measure = loop.measure
+
+    def check_best_loss(fit):
+        residual, _ = fit.residual(fit.progress.best, fit.data)
+        loss = sum(float((leaf**2).sum()) for leaf in jax.tree.leaves(residual))
+        assert float(fit.progress.best_loss) == pytest.approx(loss, rel=1e-4)
+        return measure(fit)
+
+    monkeypatch.setattr(loop, "measure", check_best_loss)
+    sr.fit(
+        blobs(16, 16), triangles=4, start="uniform", solver="bfgs", softness=(4.0, 0.8), steps=16
+    )
 
 
 def test_settings_become_plain_values():

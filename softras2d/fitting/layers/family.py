@@ -275,7 +275,7 @@ class LayersFit(AbstractFit):
         width = schedule.edge_width(share, self._sizes.softness)
         if width != np.float32(self.data.width):
             self.data = self.data._replace(width=to_device(width))
-            self._earlier_best, self.progress = None, forget_best(self.progress)
+            self._go_to(self.progress.y)
 
     def _near_canvas(self, corners: Float[Array, "..."]) -> Float[Array, "..."]:
         """Clip corners, in units of the unknowns, as `canvas.near_canvas` does."""
