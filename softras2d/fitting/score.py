@@ -55,24 +55,23 @@ class Scorer:
     def warm_up(self, likely: Scene) -> float:
         """Compile the programs of `score`; estimate the seconds that `score` takes after that.
 
-        The estimate is returned. It comes from timing the second run of each program. The last
-        strip of a large image, if it has fewer rows, needs another program, which is not compiled.
+        The estimate is returned. It comes from timing the second run of each program.
 
         `likely`: a scene in pixels of the target, with the shapes of the scenes to be scored, and
         about as costly to draw.
         """
         self.psnr(likely)
-        # All strips take about equal times, so one is measured.
-        rows = strips(*self._target.shape[:2])[0]
-        ssim_seconds = []
-        for _ in range(2):
+        parts = strips(*self._target.shape[:2])
+        # The last strip may have fewer rows, and then needs a program of its own. The other strips
+        # take equal times, so only the second run of the first one is measured.
+        for rows in (parts[-1], parts[0], parts[0]):
             began = time.perf_counter()
             float(_ssim(self._target[rows], self._target[rows]))
-            ssim_seconds.append(time.perf_counter() - began)
+            ssim_seconds = time.perf_counter() - began
         began = time.perf_counter()
         self.psnr(likely)
-        count = self._target.shape[0] / (rows.stop - rows.start)
-        return time.perf_counter() - began + count * ssim_seconds[-1]
+        count = self._target.shape[0] / (parts[0].stop - parts[0].start)
+        return time.perf_counter() - began + count * ssim_seconds
 
     def psnr(self, scene: Scene) -> float:
         """Compute only the PSNR, in dB, of the hard image of a scene in pixels of the target.

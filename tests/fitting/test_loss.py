@@ -126,3 +126,15 @@ def test_large_images_are_scored_in_strips(monkeypatch):
         assert len(strips) > 1 and strips[-1].stop == 61
         np.testing.assert_allclose(score.psnr_and_ssim(image, target), whole, rtol=1e-5)
     assert score.strips(8, 1000) == [slice(0, 8)]
+
+
+def test_a_warm_scorer_compiles_nothing_for_any_strip(monkeypatch, count_compilations):
+    monkeypatch.setattr(score, "_STRIP_PIXELS", 20 * 30)
+    heights = {rows.stop - rows.start for rows in score.strips(61, 20)}
+    assert len(heights) == 2
+    scene = sr.Scene.from_soup(np.zeros((1, 3, 2)), np.zeros((1, 3)))
+    scorer = score.Scorer(np.zeros((61, 20, 3), np.float32))
+    scorer.warm_up(scene)
+    with count_compilations() as compiled:
+        scorer.score(scene)
+    assert not compiled.names
