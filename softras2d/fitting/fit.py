@@ -259,7 +259,7 @@ def _run(
         return task.frame.enlarge(task.fit.scene(padded=True))
 
     def report_progress(share: float, seconds_left: float) -> None:
-        if report is not None or limits.deadline is not None:
+        if report is not None or callback is not None or limits.deadline is not None:
             rehearsal.update(best_scene, seconds_left)
         record, triangles = task.history[-1], task.fit.max_triangles
         progress = ProgressReport(

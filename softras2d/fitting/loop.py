@@ -37,7 +37,7 @@ class ProgressReport(NamedTuple):
       area.
     - `saved_psnr`: PSNR, in dB, of the scene with the least loss, scored as the result will be. It
       is computed from time to time in another thread. The field has the last value that was
-      computed, and NaN before the first. A fit with a limit of steps and no `report` computes none.
+      computed, and NaN before the first.
     """
 
     record: Record

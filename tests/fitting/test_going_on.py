@@ -221,6 +221,13 @@ def test_progress_tells_the_psnr_of_what_would_be_saved(monkeypatch):
     assert abs(reports[-1].record.psnr - result.psnr) > 1.0
 
 
+def test_a_callback_alone_has_the_saved_psnr_computed(monkeypatch):
+    updates = []
+    monkeypatch.setattr(rehearsal.Rehearsal, "update", lambda *_: updates.append(1))
+    sr.fit(blobs(16, 16), triangles=4, steps=1, callback=lambda scene, report: None)
+    assert updates
+
+
 @pytest.mark.slow
 def test_a_start_scene_is_drawn_at_its_position_in_the_target():
     """Positions of a start scene are in pixels of the target, even if the fit has another size."""
