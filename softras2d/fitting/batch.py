@@ -100,6 +100,7 @@ def fit_batch(
             )
         ]
         interrupted = _run(tasks, limits, report, lambda: interrupt.requested, devices)
+        interrupt.raise_if_repeated()
         results = _finish(tasks, interrupted, interrupt)
     if interrupt.requested:
         return [replace(result, interrupted=True) for result in results]

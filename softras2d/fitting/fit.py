@@ -213,6 +213,7 @@ def _fit_to_the_end(
     """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
+        interrupt.raise_if_repeated()
         if not (interrupted or interrupt.requested):
             task.polish(at_full_size=callback is None)
         result = task.result(interrupted or interrupt.requested)

@@ -10,9 +10,18 @@ from typing import Any
 
 @dataclass
 class Interrupt:
-    """A flag that tells whether Ctrl-C has been pressed: `requested`."""
+    """Flags that tell whether Ctrl-C has been pressed once, `requested`, and twice, `repeated`."""
 
     requested: bool = False
+    repeated: bool = False
+
+    def raise_if_repeated(self) -> None:
+        """Raise `KeyboardInterrupt` if Ctrl-C has been pressed twice.
+
+        The second one has raised it already, but in a function that may have caught it.
+        """
+        if self.repeated:
+            raise KeyboardInterrupt
 
 
 @contextmanager
@@ -30,9 +39,9 @@ def deferred_interrupt() -> Iterator[Interrupt]:
         return
 
     def handle(number: int, frame: Any) -> None:
-        if interrupt.requested:
-            raise KeyboardInterrupt
+        interrupt.repeated = interrupt.requested
         interrupt.requested = True
+        interrupt.raise_if_repeated()
 
     previous = signal.signal(signal.SIGINT, handle)
     try:

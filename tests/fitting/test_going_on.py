@@ -205,6 +205,20 @@ def test_a_second_ctrl_c_leaves_the_checkpoint(tmp_path, monkeypatch):
     assert sr.fit(TARGET, resume=checkpoint, steps=steps + 1).history[-1].steps == steps + 1
 
 
+def test_a_second_ctrl_c_during_a_report_ends_the_fit_at_once(tmp_path, monkeypatch):
+    def interrupt_twice(progress):
+        for _ in range(2):
+            signal.raise_signal(signal.SIGINT)
+
+    path = tmp_path / "fit.npz"
+    settings: dict[str, Any] = {"triangles": 4, "steps": 100, "report": interrupt_twice}
+    with pytest.raises(KeyboardInterrupt):
+        sr.fit(blobs(16, 16), checkpoint=path, **settings)
+    assert sr.FitResult.load(path).interrupted
+    with pytest.raises(KeyboardInterrupt):
+        sr.fit_batch([blobs(16, 16)], **settings)
+
+
 @pytest.mark.slow
 def test_progress_tells_the_psnr_of_what_would_be_saved(monkeypatch):
     """The reported PSNR is of the hard image, at the size of the target."""
