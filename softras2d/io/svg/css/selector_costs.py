@@ -56,7 +56,8 @@ class Cost(NamedTuple):
     - `later_sibling_combinators`: number of combinators `~`. Each may match at any earlier sibling.
     - `last_looks_at_siblings`: whether the last compound has a pseudo-class that examines all
       siblings, such as `:first-of-type`.
-    - `others_look_at_siblings`: whether any other compound has such a pseudo-class.
+    - `others_look_at_siblings`: whether any other compound has such a pseudo-class, or siblings are
+      tested by another selector, as for `:nth-child(2 of .a)`.
     """
 
     descendants: int
@@ -115,8 +116,9 @@ def split_selectors(prelude: list[Any]) -> list[list[Any]]:
 def selector_cost(tokens: list[Any]) -> Cost | None:
     """The cost of one selector, given its tokens, as tinycss2 makes them.
 
-    Returns None for a pseudo-class or function that is not supported, or a function inside of a
-    function. A pseudo-element that is no function costs nothing, whatever its name.
+    Returns None for a pseudo-class or function that is not supported, for a function inside of a
+    function, and for a pseudo-class that examines all siblings after `of`. A pseudo-element
+    that is no function costs nothing, whatever its name.
     """
     while tokens and tokens[-1].type == "whitespace":
         tokens = tokens[:-1]
@@ -135,9 +137,16 @@ def selector_cost(tokens: list[Any]) -> Cost | None:
         elif token.type == "function":
             if token.lower_name not in _FUNCTIONS:
                 return None
-            last_looks_at_siblings |= _FUNCTIONS[token.lower_name]
             if any(argument.type == "function" for argument in token.arguments):
                 return None
+            words = {word.lower_value for word in token.arguments if word.type == "ident"}
+            is_costly = not words.isdisjoint(_COSTLY_PSEUDO_CLASSES)
+            last_looks_at_siblings |= is_costly or _FUNCTIONS[token.lower_name]
+            if "of" in words:
+                # The selector after `of` is tested on all siblings.
+                if is_costly:
+                    return None
+                others_look_at_siblings = True
             more_descendants, more_later_sibling_combinators = _combinators(token.arguments)
             descendants, later_sibling_combinators = (
                 descendants + more_descendants,

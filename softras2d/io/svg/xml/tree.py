@@ -34,7 +34,8 @@ class Element:
     - `parent`: the element that contains this one; None for the root.
     - `line`: line number of the start tag.
     - `children`: the elements directly inside this one, in document order.
-    - `texts`: character data directly inside a `<style>`, in pieces; empty for other elements.
+    - `texts`: character data directly inside a `<style>`, in pieces. Of the character data inside
+      any other element, it has at most the first piece, which tells whether there is some.
     - `index`: index of this element in the `children` of its parent; 0 for the root.
     """
 
@@ -75,6 +76,11 @@ class Element:
         return SVG if self.name else ""
 
     @property
+    def text(self) -> str:
+        """The character data in `texts`; for `:empty`, which no element with text matches."""
+        return "".join(self.texts)
+
+    @property
     def id(self) -> str | None:
         return self.attrib.get("id")
 
@@ -99,6 +105,10 @@ class Element:
     @property
     def etree_children(self) -> list["Element"]:
         return self.children
+
+    def iter_siblings(self) -> Iterator["Element"]:
+        """The elements of `etree_siblings`, in document order."""
+        return iter(self.etree_siblings)
 
     @property
     def previous(self) -> "Element | None":
@@ -166,9 +176,11 @@ class _TreeBuilder:
         return Children.READ
 
     def text(self, text: str) -> None:
-        """Add text to the innermost open element, if that is a style sheet."""
-        if self._open and self._open[-1][0].name == "style":
-            self._open[-1][0].texts.append(text)
+        """Add text to the innermost open element, unless it has some and is no style sheet."""
+        if self._open:
+            element, _ = self._open[-1]
+            if element.name == "style" or not element.texts:
+                element.texts.append(text)
 
     def inside(self, tag: str, attributes: Attributes, line: int) -> None:
         """Never called, since `open` always asks for children to be read."""

@@ -3,7 +3,9 @@
 import warnings
 
 import pytest
+import tinycss2
 
+from softras2d.io.svg.css.selector_costs import selector_cost
 from softras2d.io.svg.reading.reader import parse_svg
 
 from ....cases.drawings import colors_at
@@ -24,15 +26,18 @@ def color(sheet, rect='<rect width="9" height="9" class="a b" id="r"/>', **optio
     "selector",
     ["*", "rect", ".a", "rect.a.b", "#r", "g rect", "g > rect", ".group #r", "[width]",
      'rect[width="9"]', "[class~=b]", "svg .a", "circle, rect", "g rect:first-child", ":not(g)",
-     "rect:nth-child(1)", "g > *"],
+     "rect:nth-child(1)", "g > *", "rect:empty", ":nth-last-child(1 of .a)",
+     ":nth-last-of-type(1 of .a)"],
 )  # fmt: skip
 def test_selectors_that_match(selector):
     assert color(f"{selector} {{ fill: red }}") == RED
 
 
 @pytest.mark.parametrize(
-    "selector", ["circle", ".c", "#a", "svg > rect", "rect + rect", "[height='3']", "rect:hover"]
-)
+    "selector",
+    ["circle", ".c", "#a", "svg > rect", "rect + rect", "[height='3']", "rect:hover",
+     ".group:empty"],
+)  # fmt: skip
 def test_selectors_that_do_not_match(selector):
     assert color(f"{selector} {{ fill: red }}") == BLACK
 
@@ -68,6 +73,10 @@ def test_the_winner_is_lime(sheet, attributes):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert color(sheet, rect) == LIME
+
+
+def test_an_element_with_a_blank_is_not_empty():
+    assert color("rect:empty { fill: red }", '<rect width="9" height="9"> </rect>') == BLACK
 
 
 @pytest.mark.parametrize(
@@ -181,3 +190,22 @@ def test_blanks_around_combinators_cost_nothing():
     body = "<g>" * 300 + '<rect class="n"/>' * 3 + "</g>" * 300
     for text in (sheet, sheet * 40):
         parse_svg(f'<svg width="9" height="9"><style>{text}</style>{body}</svg>')
+
+
+@pytest.mark.parametrize(
+    ("selector", "looks_at_siblings"),
+    [
+        ("rect:nth-child(1)", (False, False)),
+        (":not(:first-of-type)", (True, False)),
+        (":nth-child(1 of .a)", (False, True)),
+    ],
+)
+def test_functions_that_examine_all_siblings_cost_more(selector, looks_at_siblings):
+    cost = selector_cost(tinycss2.parse_component_value_list(selector))
+    assert cost is not None
+    assert (cost.last_looks_at_siblings, cost.others_look_at_siblings) == looks_at_siblings
+
+
+def test_selectors_that_take_cubic_time_are_not_supported():
+    with pytest.warns(UserWarning, match="selector of <style>"):
+        assert color(":nth-child(1 of :first-of-type) { fill: red }") == BLACK
