@@ -50,17 +50,18 @@ def matches(text: str, height: int, width: int) -> bool | None:
     - `text`: list of media queries, separated by commas; an empty list matches.
     - `height`, `width`: size of the canvas in pixels, which count as CSS px.
 
-    A query with an error does not match, unless `not` negates the error. Returns None if no query
-    is known to match, and the value of one is unknown. Returns None too if brackets are nested too
-    deeply. Raises `ValueError` for an integer of more digits than Python converts.
+    A query with an error does not match. Returns None if no query is known to match, and the value
+    of one is unknown. Returns None too if brackets are nested too deeply, and for an integer of
+    more digits than Python converts.
     """
     if nesting(text) > _MAX_NESTING:
         return None
-    tokens: list[Any] = [
-        token
-        for token in tinycss2.parse_component_value_list(text.lower(), skip_comments=True)
-        if token.type != "whitespace"
-    ]
+    try:
+        parsed = tinycss2.parse_component_value_list(text.lower(), skip_comments=True)
+    except ValueError:
+        # Raised for integers of thousands of digits.
+        return None
+    tokens: list[Any] = [token for token in parsed if token.type != "whitespace"]
     if not tokens:
         return True
     queries: list[list[Any]] = [[]]
@@ -75,10 +76,18 @@ def matches(text: str, height: int, width: int) -> bool | None:
 def _query(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of one media query, given its tokens: True, False, or None for unknown.
 
-    A query is a medium, a medium with conditions, or conditions alone. A query of any other form is
-    False, and so are malformed conditions, before `not` is applied. `height` and `width` are the
-    size of the canvas in pixels.
+    A query is a medium, a medium with conditions joined by `and`, or conditions alone. A query of
+    any other form, or with malformed conditions, is False. `height` and `width` are the size of the
+    canvas in pixels.
     """
+    try:
+        return _well_formed_query(tokens, height, width)
+    except ValueError:
+        return False
+
+
+def _well_formed_query(tokens: list[Any], height: int, width: int) -> bool | None:
+    """The value of one media query, like `_query`, but raises `ValueError` for a malformed one."""
     words = [token.value if token.type == "ident" else "" for token in tokens]
     is_negated = words[:1] == ["not"] and len(words) > 1 and words[1] != ""
     start = 1 if is_negated or words[:1] == ["only"] else 0
@@ -86,15 +95,13 @@ def _query(tokens: list[Any], height: int, width: int) -> bool | None:
         return _condition(tokens, height, width)
     if words[start] == "not":
         return _condition(tokens, height, width)
-    is_medium = words[start] in ("all", "screen")
-    conditions = tokens[start + 2 :]
-    if len(tokens) == start + 1:
-        value: bool | None = is_medium
-    elif words[start + 1] == "and":
-        value = _all([is_medium, _condition(conditions, height, width)])
-    else:
-        # A query with an error matches nothing.
-        return False
+    if words[start] in ("and", "or", "only"):
+        raise ValueError("is no medium")
+    value: bool | None = words[start] in ("all", "screen")
+    if len(tokens) > start + 1:
+        if words[start + 1] != "and" or "or" in words:
+            raise ValueError("has a medium that is not followed by conditions joined by `and`")
+        value = _all([value, _condition(tokens[start + 2 :], height, width)])
     return _not(value) if is_negated else value
 
 
@@ -102,16 +109,15 @@ def _condition(tokens: list[Any], height: int, width: int) -> bool | None:
     """The value of the conditions of a media query, given their tokens.
 
     Conditions are features joined by `and` or by `or`, or a feature negated by `not`. The value is
-    True, False, or None for unknown. Tokens that have no such form give False, but one that stands
-    for a feature and is none counts as unknown. `height` and `width` are the size of the canvas in
-    pixels.
+    True, False, or None for unknown. `height` and `width` are the size of the canvas in pixels.
+    Raises `ValueError` for tokens that have no such form.
     """
     if len(tokens) == 2 and tokens[0].type == "ident" and tokens[0].value == "not":
         return _not(_feature(tokens[1], height, width))
     values = [_feature(token, height, width) for token in tokens[0::2]]
     joints = {token.value if token.type == "ident" else "" for token in tokens[1::2]}
     if len(tokens) % 2 == 0 or len(joints) > 1 or not joints <= {"and", "or"}:
-        return False
+        raise ValueError("is malformed")
     return _any(values) if joints == {"or"} else _all(values)
 
 
@@ -119,14 +125,21 @@ def _feature(token: Any, height: int, width: int) -> bool | None:
     """The value of one media feature, such as `(width > 300px)`, or of conditions in parentheses.
 
     Returns None for a feature that is not known, for a keyword that is not known, as in `(hover:
-    x)`, for a keyword in a range, for a size that cannot be parsed, and for any other token.
-    `height` and `width` are the size of the canvas in pixels.
+    x)`, for a keyword in a range, for a size that cannot be parsed, for malformed conditions in
+    parentheses, and for a function. `height` and `width` are the size of the canvas in pixels.
+    Raises `ValueError` for any other token.
     """
-    if token.type != "() block":
+    if token.type == "function":
         return None
+    if token.type != "() block":
+        raise ValueError("is no feature in parentheses")
     content = [t for t in token.content if t.type not in ("whitespace", "comment")]
     if any(t.type == "() block" for t in content):
-        return _condition(content, height, width)
+        try:
+            return _condition(content, height, width)
+        except ValueError:
+            # Parentheses around anything are valid: later versions of CSS may give it a meaning.
+            return None
     text = tinycss2.serialize(token.content).strip()
     sizes = {"height": float(height), "width": float(width), "aspect-ratio": width / height}
     orientations = ("portrait", "landscape") if height >= width else ("landscape", "portrait")

@@ -131,6 +131,9 @@ def test_what_is_not_supported_is_named():
         ("(width: 20px) and", False), ("(width: 19px) and (mystery: 3)", False),
         ("screen, (mystery: 3)", True), ("(hover: none)", True), ("not (hover: hover)", True),
         ("(orientation)", True), ("(prefers-reduced-motion: reduce)", False),
+        ("not screen and", False), ("not print and (width: 1px) foo", False),
+        ("not print and foo", False), ("not and", False), ("not print, screen and", True),
+        ("screen and (width: 1px) or (color)", False), ("(width: 1px) or (color)", True),
     ],
 )  # fmt: skip
 def test_media_queries_about_the_canvas(media, is_match):
@@ -148,11 +151,22 @@ def test_unknown_media_queries_are_named():
         "not (hover: x)",
         "not (prefers-color-scheme: no-preference)",
         "not (orientation: round)",
+        "not ((color) (color))",
+        "not size(1)",
         # Features with keywords cannot be in a range.
         "(hover >= none)",
     ):
         with pytest.warns(UserWarning, match=r"without effect: @media of <style> \(line 1: .*\("):
             assert color(f"@media {media} {{ rect {{ fill: red }} }}") == BLACK
+
+
+def test_a_sheet_with_an_integer_of_thousands_of_digits_in_its_media_is_left_out():
+    text = (
+        f'<svg width="9" height="9"><style media="(width: {"9" * 5000}px)">rect {{ fill: red }}'
+        '</style><rect width="9" height="8"/></svg>'
+    )
+    with pytest.warns(UserWarning, match=r"without effect: media of <style> \(line 1: \(width"):
+        assert colors_at(parse_svg(text), [[5.03, 4.07]])[0].tolist() == BLACK
 
 
 def test_sheets_of_other_types_and_media_are_skipped():
