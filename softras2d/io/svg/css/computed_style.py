@@ -58,7 +58,7 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     - `viewport`: sizes to which lengths and percentages are relative.
     - `note`: called for each invalid declaration that no valid one of the same property outranks
       (of `font`, only for the value of highest rank in CSS), and for values of properties in
-      `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` that may change the image.
+      `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` that may change the image and are not outranked.
 
     An invalid declaration has no effect: the declaration of the next lower rank is used instead.
     Without a valid declaration, a property has its parent's value if it is inherited, and its
@@ -70,14 +70,14 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     changes: dict[str, Any] = {"font_size": font_size}
     for source in (declared.attributes, declared.css):
         for name, value in source.items():
+            if source is declared.attributes and name in declared.css:
+                continue
             field = _FIELDS.get(name)
             if field is None or (name in _CSS_ONLY and source is declared.attributes):
                 if _is_unsupported(name, value, source is declared.css):
                     note(WITHOUT_EFFECT, name, value)
                 if name == "font" and source is declared.css:
                     _note_invalid_font(value, parent, viewport, note)
-                continue
-            if source is declared.attributes and name in declared.css:
                 continue
             for declaration in _by_rank(declared, name):
                 try:
@@ -101,12 +101,12 @@ def _is_unsupported(name: str, value: str, is_css: bool) -> bool:
     """Whether a declaration may change the image in browsers, but has no effect in this reader.
 
     - `name`, `value`: the property and the text of its value. Values are harmless only if they are
-      spelled as in the tables.
+      in the tables, in upper or lower case.
     - `is_css`: whether the declaration is in CSS, rather than an attribute of the element. The
       properties of `_UNSUPPORTED_IN_CSS` have an effect in CSS alone.
     """
     harmless = UNSUPPORTED.get(name) or (_UNSUPPORTED_IN_CSS.get(name) if is_css else None)
-    return harmless is not None and value.strip() not in harmless
+    return harmless is not None and value.strip().lower() not in harmless
 
 
 class _Declaration(NamedTuple):

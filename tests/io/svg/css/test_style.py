@@ -222,6 +222,11 @@ def test_properties_without_effect_are_noted():
     assert sorted(notes) == [("without effect", "filter"), ("without effect", "mask")]
 
 
+def test_properties_without_effect_are_not_noted_if_css_turns_them_off():
+    _, notes = style(mask="url(#m)", style="mask: NONE; mix-blend-mode: Normal")
+    assert notes == []
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("opacity", "x"), ("fill-opacity", "nan"), ("stroke-width", "2qm"), ("stroke-width", "1e999"),
