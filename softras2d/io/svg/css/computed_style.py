@@ -139,9 +139,9 @@ def _value(
     - `font_size`: font size of the element in user units, to which `em` is relative.
 
     `inherit` gives the value of the parent, and `initial` the initial value. `unset`, `revert` and
-    `revert-layer` give the former for an inherited property, and the latter for any other. In
-    `background`, they are like other words without a colour. Raises `ValueError` for a length that
-    lacks its unit (`_WITH_UNITS`), and for text that the parser in `PARSERS` refuses.
+    `revert-layer` give the former for an inherited property, and the latter for any other. Raises
+    `ValueError` for a length that lacks its unit (`_WITH_UNITS`), for a `background` that is
+    invalid, and for text that the parser in `PARSERS` refuses.
     """
     text = declaration.text.strip()
     if declaration.name in _WITH_UNITS and declaration.is_css:
@@ -149,13 +149,13 @@ def _value(
         for word in text.split():
             if is_number(word) and finite(word):
                 raise ValueError("has no unit, such as `px`")
-    if declaration.name == "background":
-        return background_color(text)
     keyword = text.lower()
     if keyword in ("inherit", "initial", "unset", "revert", "revert-layer"):
         is_inherited = field not in NOT_INHERITED
         takes_parent = keyword == "inherit" or (is_inherited and keyword != "initial")
         return getattr(parent if takes_parent else INITIAL, field)
+    if declaration.name == "background":
+        return background_color(text)
     return PARSERS[field](text, parent, viewport, font_size)
 
 

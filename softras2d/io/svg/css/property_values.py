@@ -3,7 +3,6 @@
 `PARSERS` has one parser for each field of `Style`.
 """
 
-import contextlib
 import re
 from collections.abc import Callable
 from typing import Any
@@ -22,8 +21,15 @@ _URL = re.compile(r"url\(\s*+(?:\"([^\"]*+)\"|'([^']*+)'|([^()\"'\s]*+))\s*+\)\s
 _MAX_NESTING = 32
 """Maximum depth of nested brackets in `background`, since tinycss2 recurses for each bracket.
 
-A value with deeper brackets has no colour.
+A value with deeper brackets is invalid.
 """
+
+_BACKGROUND_WORDS = frozenset({
+    "auto", "border-box", "bottom", "center", "contain", "content-box", "cover", "fixed", "left",
+    "local", "no-repeat", "none", "padding-box", "repeat", "repeat-x", "repeat-y", "right", "round",
+    "scroll", "space", "text", "top",
+})  # fmt: skip
+"""Words that may stand in `background` beside a colour, images and sizes."""
 
 _VECTOR_EFFECTS = (
     "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
@@ -72,16 +78,39 @@ def _color(text: str, parent: Style, *_: object) -> Any:
 def background_color(text: str) -> Any:
     """The colour in a value of the shorthand `background`, as an `Rgba` or `CURRENT`.
 
-    It is the first word or function that is a colour, and transparent black if there is none. A
-    colour inside of another function, such as a gradient, does not count. No text raises an error.
+    It is the word or function that is a colour, and transparent black if there is none. A colour
+    inside of another function, such as a gradient, does not count. Raises `ValueError` for empty
+    text, for several colours, for words and numbers that no background has, for `var(...)`, and for
+    brackets that are nested too deeply. The order of the parts is not checked.
     """
-    if nesting(text) <= _MAX_NESTING:
-        # tinycss2 raises `ValueError` for integers of thousands of digits.
-        with contextlib.suppress(ValueError):
-            for token in tinycss2.parse_component_value_list(text):
-                if (color := color_of(token.serialize())) is not None:
-                    return color
-    return INITIAL.background_color
+    if nesting(text) > _MAX_NESTING:
+        raise ValueError(f"has brackets that are nested deeper than {_MAX_NESTING}")
+    colors = []
+    # tinycss2 raises `ValueError` for integers of thousands of digits.
+    for token in tinycss2.parse_component_value_list(text):
+        if (color := color_of(token.serialize())) is not None:
+            colors.append(color)
+        elif not _may_stand_in_background(token):
+            raise ValueError(f"has the part {token.serialize()[:24]!r}, which no background has")
+    if len(colors) > 1 or not text.strip():
+        raise ValueError("is no background")
+    return colors[0] if colors else INITIAL.background_color
+
+
+def _may_stand_in_background(token: Any) -> bool:
+    """Whether a token of tinycss2 that is no colour may stand in a value of `background`.
+
+    Every function other than `var(...)` may, since it may be an image or a length.
+    """
+    if token.type == "ident":
+        return token.lower_value in _BACKGROUND_WORDS
+    if token.type == "function":
+        return token.lower_name != "var"
+    if token.type == "literal":
+        return token.value in ("/", ",")
+    if token.type == "number":
+        return token.value == 0
+    return token.type in ("whitespace", "comment", "url", "dimension", "percentage")
 
 
 def _color_or_current(text: str, *_: object) -> Any:
