@@ -140,3 +140,11 @@ def test_a_view_box_without_area_draws_nothing(box, recwarn):
     nested = f'<svg viewBox="{box}"><rect width="9" height="9"/></svg>'
     np.testing.assert_allclose(body_colors(nested, [5, 5]), [WHITE])
     assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    "overflow, color", [("visible visible", BLACK), ("visible clip", BLACK), ("clip auto", WHITE)]
+)
+def test_the_first_keyword_of_overflow_decides_whether_a_viewport_clips(overflow, color):
+    svg = f'<svg width="9" height="9" overflow="{overflow}"><rect width="20" height="9"/></svg>'
+    np.testing.assert_allclose(body_colors(svg, [5, 5], [15, 5]), [BLACK, color])

@@ -31,11 +31,6 @@ _BACKGROUND_WORDS = frozenset({
 })  # fmt: skip
 """Words that may stand in `background` beside a colour, images and sizes."""
 
-_VECTOR_EFFECTS = (
-    "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position", "viewport",
-    "screen",
-)  # fmt: skip
-
 
 def _paint(text: str, *_: object) -> Paint:
     """Parse the value of `fill` or `stroke`.
@@ -281,7 +276,9 @@ PARSERS: dict[str, Callable[..., Any]] = {
     "opacity": _opacity,
     "display": _display,
     "overflow": _words_of("visible", "hidden", "scroll", "auto", "clip"),
-    "vector_effect": _words_of(*_VECTOR_EFFECTS),
+    "vector_effect": _one_of(
+        "none", "non-scaling-stroke", "non-scaling-size", "non-rotation", "fixed-position"
+    ),
     "clip_path": _clip_path,
     "transform_origin": _any_text,
     "transform_box": _one_of("view-box", "fill-box", "stroke-box", "content-box", "border-box"),

@@ -22,8 +22,14 @@ MAX_SIDE = 2**20
 The spacing of float32 values is at most 1/16 pixel there.
 """
 
-_ALIGNMENT = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
-"""Fraction of the free space left of the viewBox, or above it, by `preserveAspectRatio`."""
+_FREE_SPACE = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+_ALIGNMENTS = {"none": (0.0, 0.0)} | {
+    f"x{x}Y{y}": (_FREE_SPACE[x], _FREE_SPACE[y]) for x in _FREE_SPACE for y in _FREE_SPACE
+}
+"""Fractions of the free space left of the viewBox and above it, by alignment.
+
+The alignment is the first word of `preserveAspectRatio`. With `none`, there is no free space.
+"""
 
 
 class Box(NamedTuple):
@@ -149,8 +155,8 @@ def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.n
     - `height`, `width`: size of the viewport, in the units to which the map leads.
     - `aspect`: text of the attribute `preserveAspectRatio`; empty for the default, `xMidYMid meet`.
 
-    Raises `ValueError` for an `aspect` that is no value of this attribute. After `none`, a second
-    word is ignored.
+    Raises `ValueError` for an `aspect` that is no value of this attribute. After `none`, `meet` and
+    `slice` have no effect.
 
     **Source:** SVG 2, section 8.2 (*equivalent transform of an SVG viewport*).
     """
@@ -160,14 +166,11 @@ def fit(box: Box, height: float, width: float, aspect: str = "") -> Float64[np.n
     align, meet_or_slice = "", ""
     if len(words) < 3:
         align, meet_or_slice = (words + ["xMidYMid", "meet"][len(words) :])[:2]
+    if align not in _ALIGNMENTS or meet_or_slice not in ("meet", "slice"):
+        raise ValueError(f"preserveAspectRatio: {aspect!r} is none of its values.")
+    x_align, y_align = _ALIGNMENTS[align]
     if align != "none":
-        x_align, y_align = _ALIGNMENT.get(align[1:4]), _ALIGNMENT.get(align[5:])
-        is_known = align[:1] + align[4:5] == "xY" and meet_or_slice in ("meet", "slice")
-        if x_align is None or y_align is None or not is_known:
-            raise ValueError(f"preserveAspectRatio: {aspect!r} is none of its values.")
         x_scale = y_scale = (min if meet_or_slice == "meet" else max)(x_scale, y_scale)
-    else:
-        x_align = y_align = 0.0
     x = x_align * (width - box.width * x_scale) - box.x * x_scale
     y = y_align * (height - box.height * y_scale) - box.y * y_scale
     return affine_maps.matrix(x_scale, 0.0, 0.0, y_scale, x, y)

@@ -148,14 +148,15 @@ def nested_state(
     - `declared`: declarations of the element.
     - `state`: state of the element itself, with its style and its map to pixels.
 
-    The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. Returns None if
-    the viewport or the viewBox has no area, so that nothing is drawn.
+    The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. If it has two
+    keywords, the first decides, as in Chromium. Returns None if the viewport or the viewBox has no
+    area, so that nothing is drawn.
     """
     nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:
         return None
     placement = state.placement
-    if state.style.overflow not in ("visible", "auto"):
+    if state.style.overflow.partition(" ")[0] not in ("visible", "auto"):
         x, y, width, height = nested.box
         corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]]
         clip = shapely.Polygon(affine_maps.apply(placement.map3, corners))

@@ -259,7 +259,8 @@ def test_properties_without_effect_are_not_noted_if_css_turns_them_off():
     [("opacity", "x"), ("fill-opacity", "nan"), ("stroke-width", "2qm"), ("stroke-width", "1e999"),
      ("stroke-miterlimit", "inf"), ("stroke-miterlimit", "1_000"), ("stroke-miterlimit", "٣"),
      ("stroke-opacity", "1px"), ("stroke-dasharray", "1 -2"),
-     ("paint-order", "fill fill"), ("font-size", "-3")],
+     ("paint-order", "fill fill"), ("vector-effect", "non-scaling-stroke non-rotation"),
+     ("font-size", "-3")],
 )  # fmt: skip
 def test_invalid_values_are_named_and_have_no_effect(name, value):
     result, notes = style(**{name.replace("-", "_"): value})
