@@ -143,22 +143,26 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
       others.
 
     A number without a unit is in px. The result may be negative. Raises `ValueError` for any other
-    text.
+    text, and for a length that is not finite.
     """
     match = _LENGTH.match(text)
     if match is None:
         raise ValueError(f"expected a length, got {_excerpt(text)}.")
     value, unit = finite(match[1]), match[2].lower()
     if unit == "%" and full is not None:
-        return value / 100 * full
-    if units is not None and unit in units:
-        return value * units[unit]
-    if unit not in _PIXELS_PER_UNIT:
+        pixels = value / 100 * full
+    elif units is not None and unit in units:
+        pixels = value * units[unit]
+    elif unit in _PIXELS_PER_UNIT:
+        pixels = value * _PIXELS_PER_UNIT[unit]
+    else:
         raise ValueError(
             f"lengths in {unit!r} are not supported, got {_excerpt(text)}; "
             "use px, pt, pc, mm, cm or in."
         )
-    return value * _PIXELS_PER_UNIT[unit]
+    if not math.isfinite(pixels):
+        raise ValueError(f"{_excerpt(text)} is not a finite length.")
+    return pixels
 
 
 def is_number(text: str) -> bool:
