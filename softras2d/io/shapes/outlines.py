@@ -3,6 +3,7 @@
 An outline is a chain of straight segments, together with the properties of its stroke.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -42,6 +43,15 @@ class Outline(NamedTuple):
     miterlimit: float = 4.0
     scale: float = 1.0
     smooth: np.ndarray | None = None
+
+    @property
+    def reach(self) -> float:
+        """Upper bound on the distance, in pixels, from the chain to the border of its stroke.
+
+        A miter that is cut off has its corners farther out than its middle. This bound is also that
+        of square caps, since `miterlimit` is at least 1.
+        """
+        return self.width / 2 * self.scale * math.hypot(self.miterlimit, 1.0)
 
 
 class Segments(NamedTuple):

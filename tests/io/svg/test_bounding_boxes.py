@@ -1,4 +1,4 @@
-"""Bounding boxes of SVG elements, and the viewports and conditions on which they depend."""
+"""Bounding boxes of elements and strokes, and the viewports and conditions on which they depend."""
 
 import numpy as np
 import pytest
@@ -148,3 +148,22 @@ def test_a_view_box_without_area_draws_nothing(box, recwarn):
 def test_the_first_keyword_of_overflow_decides_whether_a_viewport_clips(overflow, color):
     svg = f'<svg width="9" height="9" overflow="{overflow}"><rect width="20" height="9"/></svg>'
     np.testing.assert_allclose(body_colors(svg, [5, 5], [15, 5]), [BLACK, color])
+
+
+def test_the_clipped_corner_of_a_miter_is_within_the_clip():
+    """One corner of the cut miter reaches 22.4 pixels to the right of (40, 40)."""
+    clip = '<clipPath id="c"><rect x="-99" y="-99" width="160" height="300"/></clipPath>'
+    stroke = 'stroke="#000" stroke-width="20" stroke-linejoin="miter-clip" stroke-miterlimit="2"'
+    line = f'<path d="M13.1672 26.5836 40 40 13.1673 26.5836" fill="none" {stroke} {{}}/>'
+    points = [60.5, 40], [61.5, 40]
+    np.testing.assert_allclose(body_colors(line.format(""), *points), [BLACK, BLACK])
+    clipped = body_colors(clip + line.format('clip-path="url(#c)"'), *points)
+    np.testing.assert_allclose(clipped, [BLACK, WHITE])
+
+
+def test_the_clipped_corner_of_a_miter_counts_in_a_group_with_opacity():
+    """Where this corner overlaps the rectangle, the group hides the red stroke below it."""
+    stroke = 'stroke="red" stroke-width="20" stroke-linejoin="miter-clip" stroke-miterlimit="2"'
+    line = f'<path d="M13.1672 26.5836 40 40 13.1673 26.5836" fill="none" {stroke}/>'
+    body = f'<g opacity=".5">{line}<rect x="61" y="30" width="9" height="20"/></g>'
+    np.testing.assert_allclose(body_colors(body, [61.5, 40]), [[0.5, 0.5, 0.5]])

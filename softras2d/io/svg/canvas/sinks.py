@@ -173,8 +173,7 @@ class Layer:
 
         Raises `ValueError` for points that `map3` sends to infinity or beyond (w <= 0).
         """
-        widest = max(outlines, key=lambda outline: outline.width)
-        reach = widest.width / 2 * widest.scale * max(widest.miterlimit, 1.5)
+        reach = max(outline.reach for outline in outlines)
         points = affine_maps.apply(map3, np.concatenate([line.points for line in outlines]))
         bounds = _bounds(points) + reach * np.array([-1.0, -1.0, 1.0, 1.0])
 

@@ -157,9 +157,8 @@ class Painter:
         outlines = self._outlines(element, flat_path, points, style, scale)
         if not outlines:
             return
-        reach = style.stroke_width / 2 * scale * max(style.stroke_miterlimit, 1.5)
         corners = affine_maps.apply(map3, points)
-        if not isinstance(paint, Gradient) and not placement.may_clip(corners, reach):
+        if not isinstance(paint, Gradient) and not placement.may_clip(corners, outlines[0].reach):
             placement.sink.add_strokes(outlines, map3, paint)
             return
         region = stroked(outlines, map3, self._page.budget)
