@@ -312,3 +312,16 @@ def test_the_border_before_the_first_stop_is_painted(spread):
 def test_concentric_circles_of_almost_one_radius():
     gradient = f'<radialGradient id="g" r="0.5" fr="0.4999">{STOPS}</radialGradient>'
     assert colors_at(read(gradient), [[50.1, 40.2], [2, 2]])[:, 0].tolist() == [0, 1]
+
+
+def test_a_single_piece_does_not_paint_beyond_the_cone():
+    """The border of the cone of circles is a horizontal line through the middle of the shape."""
+    angle = math.degrees(math.asin(100 / 500))
+    gradient = (
+        '<radialGradient id="g" gradientUnits="userSpaceOnUse" fx="0" fy="0" cx="500" cy="0" '
+        f'r="100" gradientTransform="translate(-200 40) rotate({angle})"><stop offset=".4"/>'
+        '<stop offset=".6"/></radialGradient>'
+    )
+    scene = read(gradient, '<rect x="50" y="39.5" width="1" height="1" fill="url(#g)"/>')
+    colors = colors_at(scene, [[50.51, 39.8], [50.51, 40.2]])[:, 0]
+    np.testing.assert_array_equal(colors, [1, 0])

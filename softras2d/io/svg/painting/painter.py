@@ -265,15 +265,14 @@ class Painter:
         """Intersect a region with the pieces of a gradient that cover its bounding box.
 
         `pieces` is a list of `Piece`, polygons with paints. Returns one item for each piece that
-        the region overlaps. Pieces that are fully transparent are left out. If there is a single
-        piece, it is taken to cover the whole region, which is not cut. `source` is the index of the
-        region's shape in `sources`; -1 for none.
+        the region overlaps. Pieces that are fully transparent are left out. A region that a single
+        piece covers is not cut. `source` is the index of the region's shape in `sources`; -1 for
+        none.
         """
-        is_single = len(pieces) == 1
         pieces = [piece for piece in pieces if piece.paint.color[3].any()]
-        if is_single:
-            return [Item(region, piece.paint, source) for piece in pieces]
         polygons: Any = np.array([shapely.Polygon(piece.points) for piece in pieces], object)
+        if len(pieces) == 1 and shapely.covers(polygons[0], region):
+            return [Item(region, pieces[0].paint, source)]
         shapely.prepare(region)
         meets = shapely.intersects(region, polygons)
         inside = meets & shapely.contains_properly(region, polygons)
