@@ -325,3 +325,18 @@ def test_a_single_piece_does_not_paint_beyond_the_cone():
     scene = read(gradient, '<rect x="50" y="39.5" width="1" height="1" fill="url(#g)"/>')
     colors = colors_at(scene, [[50.51, 39.8], [50.51, 40.2]])[:, 0]
     np.testing.assert_array_equal(colors, [1, 0])
+
+
+@pytest.mark.parametrize(("shift", "start_radius"), [(27, 0), (0, 24), (5, 24)])
+def test_colours_are_accurate_where_circles_lie_close_together(shift, start_radius):
+    gradient = (
+        f'<radialGradient id="g" gradientUnits="userSpaceOnUse" cx="50" cy="40" r="30" '
+        f'fx="{50 + shift}" fy="40" fr="{start_radius}">{STOPS}</radialGradient>'
+    )
+    rng = np.random.default_rng(0)
+    t, angle = rng.uniform(0.02, 0.98, 300), rng.uniform(-0.2, 0.2, 300)
+    radius = start_radius + t * (30 - start_radius)
+    points = np.stack([50 + (1 - t) * shift, 0 * t + 40], axis=1)
+    points += radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    colors = colors_at(read(gradient, height=1600, width=2000), 20 * points)[:, 0]
+    np.testing.assert_allclose(colors, t, atol=1.2e-3)

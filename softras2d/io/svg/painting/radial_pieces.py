@@ -107,17 +107,18 @@ def _sectors(
     The result is in 16..16384, even if the distance is then larger than allowed.
     """
     stretch = float(np.linalg.norm(gradient.to_pixels[:2, :2], 2))
+    distance = math.dist(gradient.center, gradient.focus)
+    # Circles lie closest together on the side from which their centers move away. There, their
+    # distance for each unit of position is this; it is 0 if they touch or cross each other.
+    closest = max(gradient.radius - gradient.focal_radius - distance, 0.0)
     allowed = math.inf
     for start, end, start_color, end_color in rings:
-        width = (end - start) * gradient.radius * stretch
+        width = (end - start) * closest * stretch
         change = float(np.abs(end_color - start_color).max())
         allowed = min(allowed, _COLOR_ERROR * width / change if change > 0 else math.inf)
     offsets = [stop.offset for stop in gradient.stops]
     has_jumps = len(set(offsets)) < len(offsets) or gradient.spread == "repeat"
-    # Near the sides of a tube, circles of very different colours lie close together.
-    if has_jumps or gradient.radius == gradient.focal_radius:
-        allowed = tolerance
-    allowed = max(allowed, tolerance)
+    allowed = tolerance if has_jumps else max(allowed, tolerance)
     last_end = max((ring.end for ring in rings), default=1.0)
     radius = circles.largest_radius(last_end, points) * stretch
     if not allowed < radius:
