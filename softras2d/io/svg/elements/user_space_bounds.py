@@ -16,6 +16,7 @@ from ..values.units import Viewport
 from ..xml.tree import Element
 from .element_kinds import CONTAINERS, drawn_children_of_switch, meets_conditions
 from .element_transform import element_transform
+from .image_size import image_size
 from .page import Page
 from .shape_elements import SHAPES, ElementLengths
 from .view_box import Box
@@ -77,8 +78,7 @@ def bounds_of(
     """The bounding box of an element's shapes and images, in the element's user units.
 
     Strokes do not count. A shape counts even if it has no fill or is not visible, but not if its
-    `display` is `none`. A `colortri` or `textri` does not count. A side of an image that is missing
-    or `auto` counts as 0.
+    `display` is `none`. A `colortri` or `textri` does not count.
 
     - `element`: the element, which may be a group.
     - `style`: computed style of the element.
@@ -158,7 +158,7 @@ def _bounds_of_shape(page: Page, visit: _Visit) -> Float[np.ndarray, "2 2"] | No
     element = visit.element
     lengths = ElementLengths(page, element, page.declared(element), visit.style)
     if element.name == "image":
-        width, height = lengths.size("width"), lengths.size("height")
+        height, width = image_size(page, element, lengths)
         path: Path | None = rect_path(lengths.read("x"), lengths.read("y"), width, height, 0.0, 0.0)
     else:
         path = SHAPES[element.name](lengths)

@@ -4,8 +4,6 @@ An error in a `colortri` or `textri` is raised, since only this project writes t
 image that cannot be read is left out, as in browsers.
 """
 
-import math
-
 import numpy as np
 from jaxtyping import Float
 
@@ -16,6 +14,7 @@ from ..canvas.layers import Item
 from ..canvas.placement import Placement
 from ..canvas.sinks import Textured, textured_items, triangle_items
 from ..css.style import Style
+from ..elements.image_size import image_size
 from ..elements.page import Page
 from ..elements.shape_elements import ElementLengths
 from ..elements.view_box import Box, fit
@@ -85,10 +84,9 @@ def _draw_image(
 ) -> None:
     """Draw an `image` as a rectangle with a texture (SVG 2, section 12.3).
 
-    `opacity` is a factor of the texture's alpha, in 0..1. A side that is missing or `auto` follows
-    from the other side, or from the picture, whose pixels count as user units. An image without
-    `href`, one that cannot be read, and a negative side are noted. Such an image is not drawn, and
-    neither is one with a side of 0.
+    `opacity` is a factor of the texture's alpha, in 0..1. An image without `href`, one that cannot
+    be read, and a negative side are noted. Such an image is not drawn, and neither is one with a
+    side of 0.
     """
     href = element.attrib.get("href")
     if href is None:
@@ -103,18 +101,9 @@ def _draw_image(
         lengths.report(NOT_DRAWN, "href", str(error))
         return
     picture_height, picture_width = map(float, assets.textures[texture].shape[:2])
-    width, height = lengths.read("width", math.inf), lengths.read("height", math.inf)
-    for name, side in (("width", width), ("height", height)):
-        if side < 0:
-            lengths.report(INVALID, name, "must not be negative")
+    height, width = image_size(page, element, lengths)
     if width <= 0 or height <= 0:
         return
-    # Infinity stands for `auto`: the side follows from the picture.
-    if width == math.inf:
-        is_auto = height == math.inf
-        width = picture_width if is_auto else height * picture_width / picture_height
-    if height == math.inf:
-        height = width * picture_height / picture_width
     box = Box(0.0, 0.0, picture_width, picture_height)
     try:
         to_viewport = fit(box, height, width, element.attrib.get("preserveAspectRatio", ""))

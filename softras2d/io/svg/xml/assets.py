@@ -63,18 +63,9 @@ class Assets:
 
         `href` is a `data:` URI, or the percent-encoded name of a file. The image is read, and
         appended to `textures`, at its first use. Raises `ValueError` for an image that cannot be
-        read. Such an image is not tried again: later calls raise the same message. A
-        `BudgetError`, for images that are too large, is raised anew.
+        read.
         """
-        if href in self._unreadable:
-            raise ValueError(self._unreadable[href])
-        try:
-            return self._index(self._key(href))
-        except BudgetError:
-            raise
-        except ValueError as error:
-            self._unreadable[href] = str(error)
-            raise
+        return self._index(self._readable_key(href))
 
     def picture(self, href: str) -> np.ndarray:
         """The pixels `[height, width, 3 or 4]`, in sRGB, of the image to which an `href` refers.
@@ -82,7 +73,26 @@ class Assets:
         Unlike `linked`, this method does not append the image to `textures`, and it keeps an alpha
         channel in any case. Raises `ValueError` for an image that cannot be read.
         """
-        return self._read(self._key(href))
+        return self._read(self._readable_key(href))
+
+    def _readable_key(self, href: str) -> Path | str:
+        """Key of a linked image in the caches, after the image has been read.
+
+        Raises `ValueError` for an image that cannot be read. Such an image is not tried again:
+        later calls raise the same message. A `BudgetError`, for images that are too large, is
+        raised anew.
+        """
+        if href in self._unreadable:
+            raise ValueError(self._unreadable[href])
+        try:
+            key = self._key(href)
+            self._read(key)
+        except BudgetError:
+            raise
+        except ValueError as error:
+            self._unreadable[href] = str(error)
+            raise
+        return key
 
     def _key(self, href: str) -> Path | str:
         """Key of a linked image in the caches: the path of its file, or its `data:` URI unchanged.

@@ -15,6 +15,10 @@ from ....cases.png_files import png
 NS = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 PIXELS = np.arange(2 * 3 * 4, dtype=np.uint8).reshape(2, 3, 4) * 8
 PIXELS[..., 3] = [[255, 128, 0], [255, 255, 255]]
+BOX_CLIP = (
+    '<clipPath id="c" clipPathUnits="objectBoundingBox"><rect width="{}" height="1"/></clipPath>'
+)
+"""A clip path that shows the left fraction `{}` of a bounding box."""
 
 
 def png_of(pixels):
@@ -153,6 +157,23 @@ def test_missing_image_sizes_follow_the_file(folder, attributes, size):
     scene = read(folder, f'<image xlink:href="my%20pic.png" {attributes}/>')
     assert tuple(corners_of(scene).reshape(-1, 2).max(axis=0).tolist()) == size
     assert corners_of(scene).shape == (2, 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "half"),
+    [("", 1.5), ('width="9"', 4.5), ('height="8"', 6), ('width="auto"', 1.5)],
+)
+def test_missing_image_sizes_count_in_bounding_boxes(folder, attributes, half):
+    image = f'<image href="my%20pic.png" {attributes}/>'
+    scene = read(folder, f'{BOX_CLIP.format(".5")}<g clip-path="url(#c)">{image}</g>')
+    assert corners_of(scene)[..., 0].max() == half
+
+
+def test_unreadable_images_without_size_do_not_count_in_bounding_boxes(folder):
+    shapes = '<image href="no.png"/><rect width="9" height="9"/>'
+    body = f'{BOX_CLIP.format("1")}<g clip-path="url(#c)">{shapes}</g>'
+    with pytest.warns(UserWarning, match="not drawn: href of <image>"):
+        assert corners_of(read(folder, body)).max() == 9
 
 
 def test_hidden_and_empty_images_draw_nothing(folder):
