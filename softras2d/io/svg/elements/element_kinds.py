@@ -72,7 +72,8 @@ def drawn_children_of_switch(element: Element) -> list[Element]:
     """The child of a `switch` that is chosen, in a list; an empty list if there is none.
 
     It is the first child whose conditions hold, among elements that are drawn and those in
-    `NOT_SUPPORTED`, such as `text` and animations.
+    `NOT_SUPPORTED`, such as `text` and animations. If it is an animation, nothing is drawn, as in
+    Chromium.
     """
     for child in element.children:
         if child.name in _GRAPHICS and meets_conditions(child):

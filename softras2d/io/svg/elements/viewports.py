@@ -125,7 +125,8 @@ def nested_viewport(
     height = lengths.size("height", viewport.height)
     x, y = lengths.read("x"), lengths.read("y")
     if use is not None:
-        # The size of `use` replaces the size of its target.
+        # The size of `use` replaces the size of its target as if it were written there: its `em` is
+        # the font size of the target, as in Chromium.
         use_lengths = ElementLengths(page, use, page.declared(use), style)
         width, height = use_lengths.size("width", width), use_lengths.size("height", height)
     if width <= 0 or height <= 0:
