@@ -39,9 +39,8 @@ def pad(scene: Scene) -> Scene:
     `render` pads concrete scenes by itself. A scene and the padded scene have the same plan. Within
     a `jit` of your own nothing is padded: pad outside, once, and optimise the padded scene. Accepts
     a batch, and arrays on the host or on the device; padded arrays are on the device. A scene
-    without triangles is returned unchanged. Padding a padded scene changes nothing, except perhaps
-    the number of vertices if the scene had more than 3 per triangle. Raises `ValueError` for a
-    traced scene, and for anything that is not a scene.
+    without triangles is returned unchanged. Padding a padded scene changes nothing. Raises
+    `ValueError` for a traced scene, and for anything that is not a scene.
     """
     check_type("scene", scene, Scene)
     if is_traced(scene):
@@ -132,13 +131,16 @@ def _vertex_class(vertices: int, triangles: int, triangle_class: int) -> int:
     `vertices` and `triangles` are the numbers before padding, and `triangle_class` is the number of
     triangles after padding. With up to 1 vertex per triangle before padding, the result is 1 vertex
     per triangle after padding; with up to 3 it is 3. With more, the number of vertices is rounded
-    up to a power of two. So two similar scenes with the same size class of triangles mostly have
-    the same size class of vertices too.
+    up to a power of two; if that is at most 1 or 3 vertices per triangle after padding, it becomes
+    1 or 3 too, so that padding again changes nothing. So two similar scenes with the same size
+    class of triangles mostly have the same size class of vertices too.
     """
-    for share in (1, 3):
-        if vertices <= share * triangles:
-            return share * triangle_class
-    return _next_power(vertices)
+    power = _next_power(vertices)
+    for needed, available in ((vertices, triangles), (power, triangle_class)):
+        for share in (1, 3):
+            if needed <= share * available:
+                return share * triangle_class
+    return power
 
 
 def _next_power(count: int) -> int:

@@ -148,6 +148,20 @@ def test_a_batch_is_padded_and_shapes_are_classes():
     assert sr.pad(shared).positions.shape == (1024, 2)
 
 
+@pytest.mark.parametrize(
+    ("vertices", "size"), [(10, 64), (30, 192), (40, 64), (100, 192), (180, 256), (300, 512)]
+)
+def test_padding_twice_changes_nothing(vertices, size):
+    scene = sr.Scene.from_mesh(
+        np.zeros((vertices, 2), np.float32),
+        np.arange(30, dtype=np.int32).reshape(10, 3) % vertices,
+        triangle_colors=np.ones((10, 3), np.float32),
+    )
+    padded = sr.pad(scene)
+    assert padded.positions.shape == (size, 2)
+    assert sr.pad(padded).positions is padded.positions
+
+
 def test_an_empty_scene_stays_and_a_traced_one_is_refused():
     empty = sr.Scene.from_soup(np.zeros((0, 3, 2)), np.zeros((0, 3)))
     assert sr.pad(empty) is empty
