@@ -4,6 +4,7 @@ Black is 0 and white is 1 everywhere in the package. Integers above 1 can only b
 refused. Floats above 1 may mean light brighter than white, so they are drawn as they are.
 """
 
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -13,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-_PACKAGE = str(Path(__file__).parent.parent)
+_PACKAGE = str(Path(__file__).parent.parent) + os.sep
+"""Start of the paths of all files of the package."""
 
 
 def refuse_integer_bytes(name: str, colors: Any) -> None:
