@@ -12,6 +12,9 @@ _MAX_BYTES = 512 * 2**20
 JAX itself bounds the size only if `filelock` is installed.
 """
 
+_CPU_INFO = Path("/proc/cpuinfo")
+"""File in which Linux describes the processor; other systems lack it."""
+
 
 def keep_compiled_programs() -> None:
     """Make JAX keep compiled programs on disk, so that the next process loads them.
@@ -74,9 +77,10 @@ def _processor() -> str:
     Without this name, machines that share a home folder would load each other's programs.
     """
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = _CPU_INFO.read_text().splitlines()
     except OSError:
-        lines = [platform.processor()]
+        lines = []
+    lines = lines or [platform.processor()]
     known = next((line for line in lines if line.startswith(("flags", "Features"))), lines[0])
     return f"{platform.machine()}-{hashlib.sha256(known.encode()).hexdigest()[:8]}"
 
