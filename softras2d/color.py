@@ -69,7 +69,9 @@ def linear_to_srgb(values: Any) -> Any:
     magnitude = xp.abs(values)
     is_dark = magnitude <= 0.04045 / 12.92
     with np.errstate(over="ignore"):
-        curve = 1.055 * xp.where(is_dark, 1.0, magnitude) ** (1 / 2.4) - 0.055
+        power = xp.where(is_dark, 1.0, magnitude) ** (1 / 2.4)
+        # 1.055 power - 0.055, in a form that gives 1 at 1 whatever the rounding.
+        curve = power + 0.055 * (power - 1.0)
         line = values * 12.92
     encoded = xp.where(is_dark, line, xp.where(values < 0, -curve, curve))
     return encoded.astype(values.dtype)
