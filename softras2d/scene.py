@@ -180,7 +180,9 @@ class Scene(eqx.Module):
         )
 
 
-_FLOATING = ("positions", "colors", "background", "uv", "depth", "inverse_w")
+_FLOATING = {"positions": "vertex", "depth": "vertex", "inverse_w": "vertex"}
+_FLOATING |= {"uv": "triangle", "colors": "triangle", "background": "channel"}
+"""Arrays of floats, with what the first axis of each counts outside a batch."""
 
 
 def check_types(scene: Scene) -> None:
@@ -214,43 +216,41 @@ def check(scene: Scene) -> None:
     check_types(scene)
     if is_traced(scene):
         return
+    batched = scene.positions.ndim == 3
     _check_indices(scene.triangles, scene.positions.shape[-2])
-    for axis, names in (
-        ("vertex", ("positions", "depth", "inverse_w")),
-        ("triangle", ("uv", "colors")),
-        ("channel", ("background",)),
-    ):
-        for name in names:
-            value = getattr(scene, name)
-            if value is not None:
-                _refuse(~np.isfinite(value), name, axis, "finite", value)
+    for name, axis in _FLOATING.items():
+        value = getattr(scene, name)
+        if value is not None:
+            _refuse(~np.isfinite(value), name, axis, "finite", value, batched)
     if scene.inverse_w is not None:
         inverse_w = np.asarray(scene.inverse_w)
-        _refuse(inverse_w <= 0, "inverse_w", "vertex", "positive", inverse_w)
-    for name, axis in (("colors", "triangle"), ("background", "channel")):
+        _refuse(inverse_w <= 0, "inverse_w", "vertex", "positive", inverse_w, batched)
+    for name in ("colors", "background"):
         value = np.asarray(getattr(scene, name))
         if value.shape[-1] == 4:
-            alpha = value[..., 3]
-            _refuse((alpha < 0) | (alpha > 1), f"{name} alpha", axis, "in 0..1", alpha)
+            alpha, axis = value[..., 3], _FLOATING[name]
+            _refuse((alpha < 0) | (alpha > 1), f"{name} alpha", axis, "in 0..1", alpha, batched)
     if scene.textures is not None:
         _check_texture_index(scene.texture_index, scene.textures)
         texels = scene.textures.texels
-        _refuse(~np.isfinite(texels), "texels", "texel", "finite", texels)
+        _refuse(~np.isfinite(texels), "texels", "texel", "finite", texels, batched)
         alpha = np.asarray(texels)[..., 3:]
-        _refuse((alpha < 0) | (alpha > 1), "texels alpha", "texel", "in 0..1", alpha)
+        _refuse((alpha < 0) | (alpha > 1), "texels alpha", "texel", "in 0..1", alpha, batched)
 
 
-def _refuse(is_invalid: Any, name: str, axis: str, requirement: str, value: Any) -> None:
+def _refuse(is_invalid: Any, name: str, axis: str, rule: str, value: Any, batched: bool) -> None:
     """Raise `ValueError` if an entry of `is_invalid` is true, naming the first such entry.
 
-    `name` is the array's name, `axis` says what its first axis counts outside a batch,
-    `requirement` completes "must be", and `value` is the array, laid out like `is_invalid`.
+    The array `name` must be `rule`. `value` is laid out like the host array `is_invalid`: the first
+    axis counts scenes if `batched`, and the next one counts what `axis` says.
     """
-    is_invalid = np.asarray(is_invalid)
     if is_invalid.any():
         index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
-        entry = f"{axis} {index[0] if len(index) == 1 else index} has" if index else "got"
-        raise ValueError(f"`{name}` must be {requirement}; {entry} {np.asarray(value)[index]}.")
+        places = [f"scene {index[0]}"] if batched else []
+        rest = index[len(places) :]
+        places += [f"{axis} {rest[0] if len(rest) == 1 else rest}"] if rest else []
+        found = f"{', '.join(places)} has" if places else "got"
+        raise ValueError(f"`{name}` must be {rule}; {found} {np.asarray(value)[index]}.")
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:
@@ -258,9 +258,8 @@ def _check_indices(triangles: Any, vertices: int) -> None:
     if isinstance(triangles, Tracer):
         return
     index = np.asarray(triangles)
-    _refuse(
-        (index < 0) | (index >= vertices), "triangles", "triangle", f"in 0..{vertices - 1}", index
-    )
+    is_invalid, batched = (index < 0) | (index >= vertices), index.ndim == 3
+    _refuse(is_invalid, "triangles", "triangle", f"in 0..{vertices - 1}", index, batched)
 
 
 def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
@@ -268,7 +267,8 @@ def _check_texture_index(texture_index: Any, textures: TexturePyramid) -> None:
     if isinstance(texture_index, Tracer):
         return
     index, last = np.asarray(texture_index), textures.count - 1
-    _refuse((index < -1) | (index > last), "texture_index", "triangle", f"in -1..{last}", index)
+    is_invalid, batched = (index < -1) | (index > last), index.ndim == 2
+    _refuse(is_invalid, "texture_index", "triangle", f"in -1..{last}", index, batched)
 
 
 def _expect(name: str, value: Any, expected: tuple[int | str, ...]) -> None:

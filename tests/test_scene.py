@@ -197,8 +197,11 @@ def test_check_accepts_constructed_scenes_and_batches():
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), scene)
     sr.check(batch)
     broken = eqx.tree_at(lambda s: s.positions, batch, batch.positions.at[1, 2].set(jnp.nan))
-    with pytest.raises(ValueError, match="vertex"):
+    with pytest.raises(ValueError, match=r"`positions` .* scene 1, vertex \(2, 0\) has nan"):
         sr.check(broken)
+    clear = eqx.tree_at(lambda s: s.background, batch, jnp.float32([[0, 0, 0, 1], [0, 0, 0, 2]]))
+    with pytest.raises(ValueError, match=r"`background alpha` must be in 0..1; scene 1 has 2.0"):
+        sr.check(clear)
 
 
 def test_constructors_can_be_traced():
