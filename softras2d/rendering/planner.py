@@ -179,7 +179,7 @@ def effects_of(drawings: Sequence[Drawing], mode: CoverageMode, growth: Growth) 
 def _given_scenes(scene: Any) -> list[Scene]:
     """Return the argument `scene` of `plan` as a list of scenes, some of which may be batches.
 
-    Raises `ValueError` unless it is a scene or several.
+    Raises `ValueError` unless it is a scene or several, and for an incomplete batch.
     """
     is_several = isinstance(scene, Iterable) and not isinstance(scene, Scene)
     given: list[Any] = list(scene) if is_several else [scene]
@@ -188,7 +188,26 @@ def _given_scenes(scene: Any) -> list[Scene]:
     for entry in given:
         if not isinstance(entry, Scene):
             raise ValueError(f"`scene` must be a scene or several; got {type(entry).__name__}.")
+        if entry.positions.ndim != _AXES["positions"]:
+            _check_batch(entry)
     return given
+
+
+_AXES = {"positions": 2, "triangles": 2, "colors": 3, "background": 1, "uv": 3, "depth": 1}
+_AXES |= {"texture_index": 1, "inverse_w": 1, "texels": 2, "levels": 3}
+"""Number of axes of each array of a single scene."""
+
+
+def _check_batch(scene: Scene) -> None:
+    """Raise `ValueError` unless every array of a batch of scenes has the same leading axis."""
+    size = scene.positions.shape[0]
+    for name, axes in _AXES.items():
+        value = getattr(scene.textures if name in ("texels", "levels") else scene, name, None)
+        if value is not None and (value.ndim != axes + 1 or value.shape[0] != size):
+            raise ValueError(
+                f"a batched `scene` must have its leading axis on every array: `{name}` must have "
+                f"{axes + 1} axes, the first of size {size}; got shape {value.shape}."
+            )
 
 
 def _scene_list(scene: Any) -> list[Scene]:
@@ -231,15 +250,9 @@ def _shape_of(leaf: Any, batched: bool) -> jax.ShapeDtypeStruct:
 
 
 def _unstack(scene: Scene) -> list[Scene]:
-    """Return the scenes of a batch, in host arrays; for a single scene, a list of this scene.
-
-    Raises `ValueError` for a batch whose `triangles`, `colors` or `background` lack the leading
-    axis. The optional arrays must have it too: this is not checked.
-    """
+    """Return the scenes of a batch, in host arrays; for a single scene, a list of this scene."""
     if scene.positions.ndim == 2:
         return [scene]
-    if scene.triangles.ndim != 3 or scene.colors.ndim != 4 or scene.background.ndim != 2:
-        raise ValueError("a batched `scene` must have its leading axis on every array.")
     host = jax.tree.map(np.asarray, scene)
     leaves, structure = jax.tree.flatten(host)
     return [structure.unflatten(leaf[i] for leaf in leaves) for i in range(len(leaves[0]))]

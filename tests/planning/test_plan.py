@@ -94,6 +94,28 @@ def test_plans_for_a_list_and_for_a_batch_are_equal():
         assert_same_counts(image, expected_counts(seed), 16)
 
 
+_AXES_OF_TWO = {"triangles": "3 axes", "depth": "2 axes", "textures": "`texels` must have 3 axes"}
+"""For fields of a batch that have no leading axis, what the message names."""
+
+
+@pytest.mark.parametrize(("field", "message"), _AXES_OF_TWO.items())
+@pytest.mark.parametrize("capacity", ["scene", "worst_case"])
+def test_a_batch_without_its_leading_axis_on_an_array_is_refused(field, message, capacity):
+    single = sr.Scene.from_soup(
+        random_corners(0)[:2],
+        colors_of(2),
+        depth=np.zeros((2, 3), np.float32),
+        uv=np.zeros((2, 3, 2), np.float32),
+        texture_index=np.zeros(2, np.int32),
+        textures=sr.TexturePyramid.build([np.ones((2, 2, 3), np.float32)]),
+    )
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), single)
+    sr.plan(batch, height=8, width=8, capacity=capacity)
+    wrong = eqx.tree_at(lambda scene: getattr(scene, field), batch, getattr(single, field))
+    with pytest.raises(ValueError, match=f"leading axis on every array: .*{message}"):
+        sr.plan(wrong, height=8, width=8, capacity=capacity)
+
+
 def test_printing_a_plan_names_its_sizes():
     text = str(plan_of(random_scene())).lower()
     for word in ("40", "48", "16", "tile", "capacit", "memory", "inclusive"):
