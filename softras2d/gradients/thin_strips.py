@@ -146,12 +146,13 @@ def _covers_near(
     sample: Sample,
     offset: tuple[Float[Array, "*samples"], Float[Array, "*samples"]],
 ) -> Bool[Array, "*samples"]:
-    """Whether each triangle covers the point at an offset from its sample, up to rounding.
+    """Whether each triangle has an area and covers the point at an offset from its sample.
 
-    `offset` has the offset along x and along y, each of at most two samples. Only the edge
-    functions are tested: a triangle without area covers its line beyond its ends too.
+    The result is right up to rounding. `offset` has the offset along x and along y, each of at most
+    two samples. A triangle without area shows in no strip, and covers no point here.
     """
     inside = jnp.ones(triangle.shape, bool)
+    total = jnp.zeros(triangle.shape, jnp.float32)
     x, y = (entry.astype(jnp.float32) for entry in offset)
     for edge in edges:
         gathered = edge.gather(triangle)
@@ -159,7 +160,10 @@ def _covers_near(
         value = value + gathered.right.astype(jnp.float32) * x
         value = value + gathered.down.astype(jnp.float32) * y
         inside = inside & (value >= 0)
-    return inside
+        total = total + value
+    # The three edge functions add up to twice the area. All are 0 on the whole line of a triangle
+    # without area, beyond its ends too, and everywhere if its corners are one point.
+    return inside & (total > 0)
 
 
 def _nearest_other(
