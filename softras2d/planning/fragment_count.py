@@ -105,6 +105,8 @@ def count_fragments(
     # A triangle that covers a tile and is alone in its list shows in each pixel of the tile.
     length = np.bincount(pairs.tile, minlength=tiling.count)
     is_alone = pairs.covers_tile & (length[pairs.tile] == 1)
+    # The edge functions of a triangle that is one sample are 0 everywhere, as if it covered all.
+    is_alone &= (bounds.left < bounds.right)[pairs.triangle]
     total = int(is_alone.sum()) * tiling.height * tiling.width
     order = np.lexsort((-pairs.triangle, pairs.tile))
     order = order[~is_alone[order]]

@@ -58,6 +58,17 @@ def test_counts_on_host_and_device_cover_the_visible_pixels(rate, depth):
         assert int(_render(scene, plan)[1].fragments) == wanted
 
 
+@pytest.mark.parametrize(("fill_rule", "wanted"), [("inclusive", 1), ("top_left", 0)])
+def test_a_triangle_that_is_one_sample_has_at_most_one_fragment(fill_rule, wanted):
+    scene = sr.Scene.from_soup(np.full((1, 3, 2), 40.5, np.float32), np.eye(3)[None])
+    hard = sr.Hard(samples=1, shading="pixel", fill_rule=fill_rule)
+    plan = sr.plan(scene, height=64, width=64, coverage=hard)
+    counted = count_sampled_lists(scene, plan.grid, hard, np.zeros(2, np.int32))
+    assert counted.fragments == wanted
+    changed = (np.asarray(sr.render(scene, plan)) != 1).any(-1)
+    assert int(changed.sum()) == wanted
+
+
 def test_too_many_fragments_are_reported():
     hard = sr.Hard(samples=4, shading="pixel")
     small = [_scene(seed, False, radius=0.5) for seed in range(1)]
