@@ -137,7 +137,8 @@ def _visible_slot(
 ) -> Int[Array, "*samples"]:
     """Find the slot of the given chunk whose triangle is visible at each sample.
 
-    The result is -1 where no slot of the chunk is visible, and where `chunk` is -1.
+    Slots are numbered over all chunks. The result is -1 where no slot of the chunk is visible, and
+    where `chunk` is -1.
 
     - `visible_words`: `Front.visible`, flattened, with `rows` words per slot and `slots_per_chunk`
       slots per chunk.

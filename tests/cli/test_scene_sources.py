@@ -129,6 +129,16 @@ def test_margins_are_announced_and_chosen(tmp_path):
     assert np.asarray(scene.positions).min(axis=0).tolist() == [0, 0]
 
 
+def test_margins_follow_from_the_declared_size_before_rounding(tmp_path):
+    path = tmp_path / "a.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="20.4" height="10.2">'
+        '<rect width="20" height="10" fill="red"/></svg>'
+    )
+    # A warning, which would announce margins, is an error in tests.
+    assert read(path, size=Size(200, 100))[1:] == (100, 200)
+
+
 @pytest.mark.parametrize(
     "attributes, size",
     [

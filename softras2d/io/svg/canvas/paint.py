@@ -20,8 +20,8 @@ class Paint(NamedTuple):
     - `uv`: maps `(x, y, 1)` in pixels to texture coordinates (u right, v down, 0..1 across the
       texture); None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: False without a texture, and for one that is known to be opaque, so that only the
-      alpha of `color` can make the region translucent.
+    - `has_alpha`: whether the texture may make the region translucent. It is False without a
+      texture; then only the alpha of `color` can. It may be True for an opaque texture, too.
     """
 
     color: Float[np.ndarray, "4 3"]

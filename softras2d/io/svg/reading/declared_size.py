@@ -31,6 +31,13 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
 
     Raises `SvgError` if the document declares no size or cannot be parsed.
     """
+    return round_up(_exact_size(document, dialect, tree))
+
+
+def _exact_size(
+    document: Document, dialect: str, tree: Element | None = None
+) -> tuple[float, float]:
+    """The size that `declared_size` returns, and its errors, but not rounded."""
     tag, attributes = root(document)
     try:
         if dialect == "course":
@@ -43,7 +50,7 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
         raise
     except (ValueError, *LIBRARY_ERRORS) as error:
         raise SvgError(f"{document.name}: <{tag[:60]}> {reason(error)}") from None
-    return round_up(size)
+    return size
 
 
 def size_with_margins(document: Document, height: int, width: int) -> tuple[float, float] | None:
@@ -51,9 +58,10 @@ def size_with_margins(document: Document, height: int, width: int) -> tuple[floa
 
     The document is of dialect `"svg"`, and the canvas has `height` x `width` pixels. The result is
     the (height, width) of the viewBox in user units or, without a valid viewBox, the declared size
-    in pixels. Margins whose sum is one pixel at most do not count. There are none if the aspect
-    ratios agree, if `preserveAspectRatio` has the word `none` or `slice`, or if the viewBox has no
-    area. Raises `SvgError` if the document has neither a valid viewBox nor a declared size.
+    in pixels, not rounded. Margins whose sum is one pixel at most do not count. There are none if
+    the aspect ratios agree, if `preserveAspectRatio` has the word `none` or `slice`, or if the
+    viewBox has no area. Otherwise, raises `SvgError` if the document has neither a valid viewBox
+    nor a declared size.
     """
     _, attributes = root(document)
     if {"none", "slice"} & set(attributes.get("preserveAspectRatio", "").split()):
@@ -62,7 +70,7 @@ def size_with_margins(document: Document, height: int, width: int) -> tuple[floa
         box = view_box(attributes)
     except ValueError:
         box = None
-    size = declared_size(document, "svg") if box is None else (box.height, box.width)
+    size = _exact_size(document, "svg") if box is None else (box.height, box.width)
     if min(size) == 0:
         return None
     margin = max(height - width * size[0] / size[1], width - height * size[1] / size[0])
