@@ -19,22 +19,22 @@ def publish(results: Path, readme: Path) -> None:
     _draw(rows, results / "solvers.png")
 
 
-def _runs(rows: list[dict[str, Any]]) -> dict[tuple[int, str], list[dict[str, Any]]]:
-    runs: dict[tuple[int, str], list[dict[str, Any]]] = {}
+def _runs(rows: list[dict[str, Any]]) -> dict[tuple[str, str], list[dict[str, Any]]]:
+    runs: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
-        runs.setdefault((int(row["triangles"]), row["solver"]), []).append(row)
+        runs.setdefault((row["subject"], row["solver"]), []).append(row)
     return runs
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
-    header = ["triangles", "solver", "steps", "seconds per step", "start, dB", "end, dB"]
+    header = ["start", "solver", "steps", "seconds per step", "at the start, dB", "at the end, dB"]
     lines = []
-    for (count, solver), run in _runs(rows).items():
+    for (subject, solver), run in _runs(rows).items():
         first, last = run[0], run[-1]
         steps = int(last["steps"]) - int(first["steps"])
         pace = float(last["seconds"]) / max(steps, 1)
         lines.append(
-            [f"{count:,}", f"`{solver}`", last["steps"], f"{pace:.3f}"]
+            [subject, f"`{solver}`", last["steps"], f"{pace:.3f}"]
             + [f"{float(row['psnr']):.2f}" for row in (first, last)]
         )
     return report.table(header, lines)
@@ -47,17 +47,17 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     runs = _runs(rows)
-    counts = list(dict.fromkeys(count for count, _ in runs))
+    subjects = list(dict.fromkeys(subject for subject, _ in runs))
     figure, axes = plt.subplots(
-        2, len(counts), figsize=(4 * len(counts), 6.4), squeeze=False, layout="constrained"
+        2, len(subjects), figsize=(4 * len(subjects), 6.4), squeeze=False, layout="constrained"
     )
-    for (count, solver), run in runs.items():
-        column = counts.index(count)
+    for (subject, solver), run in runs.items():
+        column = subjects.index(subject)
         decibels = [float(row["psnr"]) for row in run]
         for line, axis in enumerate(("seconds", "steps")):
             x = [float(row[axis]) for row in run]
             axes[line][column].plot(x, decibels, label=solver)
-        axes[0][column].set_title(f"{count:,} triangles")
+        axes[0][column].set_title(subject)
     for line, axis in enumerate(("seconds, without compiling", "steps")):
         for panel in axes[line]:
             panel.set_xlabel(axis)
@@ -65,7 +65,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             panel.grid(alpha=0.3)
             if line == 1:
                 panel.set_xscale("symlog", linthresh=1)
-    axes[0][0].legend()
+    axes[0][-1].legend()
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

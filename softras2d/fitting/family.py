@@ -40,6 +40,8 @@ class FitRequest(NamedTuple):
       constructor reads from them only what fixes the shapes of the fit (for a mesh, the mesh
       itself); `AbstractFit.restore_family_state` restores the other values later.
     - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `early_chunk_steps`: largest number of steps of a chunk, for which a family may compile the
+      program while it still makes the start; None if the fit is advanced together with others.
     - `masks`: the boolean masks of the option `freeze`, by the names `"vertices"` and
       `"triangles"`, true where frozen. A name that the user did not give is absent.
     """
@@ -53,6 +55,7 @@ class FitRequest(NamedTuple):
     adjustable_rate: bool
     resume_state: dict[str, np.ndarray] | None
     must_start: Callable[[], bool]
+    early_chunk_steps: int | None
     masks: Mapping[str, Mask]
 
     @property

@@ -191,7 +191,7 @@ def fit(
             return limits.must_start() or interrupt.requested
 
         weighted = Target(image, choices.prepare_weights(weights, image))
-        task = Task(weighted, settings, resume, must_start, masks)
+        task = Task(weighted, settings, resume, must_start, masks, is_alone=True)
         result = _fit_to_the_end(task, limits, report, callback, checkpoint, interrupt)
     return replace(result, interrupted=True) if interrupt.requested else result
 

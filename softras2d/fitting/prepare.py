@@ -27,6 +27,8 @@ def make_fit(
     resume: FitResult | None,
     must_start: Callable[[], bool],
     masks: Mapping[str, Mask],
+    *,
+    is_alone: bool = False,
 ) -> AbstractFit:
     """Make a fit of the family that the settings name, before its first step.
 
@@ -37,6 +39,7 @@ def make_fit(
       fit is taken from it; `state.restore_state` restores the other values later.
     - `must_start()`: returns whether the search for initial triangles must end with what it has.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
+    - `is_alone`: whether no other fit is advanced together with this one.
 
     Raises `ValueError` for an unknown solver, for a start, a target or masks that do not suit the
     family, and if the solver, the loss and the weights cannot be combined.
@@ -55,6 +58,7 @@ def make_fit(
         adjustable_rate=is_rate_adjustable(settings["solver"]),
         resume_state=None if resume is None else resume.state,
         must_start=must_start,
+        early_chunk_steps=max_chunk_steps(solver, frame) if is_alone else None,
         masks=masks,
     )
     return FAMILIES[settings["family"]].make(request)

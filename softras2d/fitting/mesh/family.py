@@ -14,9 +14,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ...numerics.device import to_device
-from ...options import Area
-from ...planning.plan import Plan
-from ...rendering.planner import plan
 from ...scene import Scene
 from ..closed_form import best_colors
 from ..family import AbstractFit, FitRequest
@@ -29,12 +26,20 @@ from ..trees import fill_tree, tree_arrays
 from . import saved, schedule
 from .arrays import data_and_unknowns, padded_colors
 from .colors import ColorModel
+from .early_program import EarlyProgram
 from .exchange import exchange
 from .full_size import colors_at_full_size
-from .start import delaunay_start, error_start, uniform_start
+from .initial_mesh import initial_mesh
 from .steering import frozen_colors
-from .triangulation import Mesh, check_tiling
-from .unknowns import MeshData, MeshResidual, MeshUnknowns, mesh_scene, vertices_of
+from .triangulation import Mesh
+from .unknowns import (
+    MeshData,
+    MeshResidual,
+    MeshUnknowns,
+    mesh_plan,
+    mesh_scene,
+    vertices_of,
+)
 from .untangle import untangle
 
 _COLOR_MODELS: dict[str, ColorModel] = {
@@ -79,9 +84,12 @@ class MeshFit(AbstractFit):
         self._earlier_best: _Best | None = None
         self._palette = palette_of(request.settings["palette"], request.target, request.seed)
         self._is_quantized = False
-        mesh = self._initial_mesh()
+        early = EarlyProgram(request, self._model)
+        mesh = initial_mesh(request, self._model, early)
         data, y = self._arrays(mesh)
-        self.residual = MeshResidual(self._plan([mesh_scene(y, data)]), request.loss)
+        self.residual = early.residual() or MeshResidual(
+            mesh_plan([mesh_scene(y, data)], image), request.loss
+        )
         self._restart_solver(mesh, data, y)
 
     @property
@@ -92,50 +100,6 @@ class MeshFit(AbstractFit):
         exchange moves vertices to or from the border.
         """
         return self.active
-
-    def _initial_mesh(self) -> Mesh:
-        """Make the mesh to start from, or take it from the state of the fit that is resumed.
-
-        The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the
-        fit.
-        """
-        request, target = self.request, self.request.target
-        if request.resume_state is not None:
-            return self._checked_mesh(saved.mesh_of(request.resume_state))
-        start, seed = request.start, request.seed
-        if isinstance(start, Mesh):
-            return self._checked_mesh(start)
-        vertices = saved.max_vertices(request.settings)
-        if start == "uniform":
-            return uniform_start(self.height, self.width, vertices, seed=seed)
-        if start == "delaunay":
-            return delaunay_start(target, vertices, seed=seed)
-        if start != "error":
-            raise ValueError(
-                f"`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got {start!r:.60}."
-            )
-        return error_start(
-            target, vertices, model=self._model, seed=seed, must_start=request.must_start
-        )
-
-    def _checked_mesh(self, mesh: Mesh) -> Mesh:
-        """Return `mesh` itself; raise `ValueError` unless the fit can start from it.
-
-        It must have the size of the fit, tile the canvas, and have at most `saved.max_vertices`
-        vertices.
-        """
-        if (mesh.height, mesh.width) != (self.height, self.width):
-            raise ValueError(
-                f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
-                f"{self.width} x {self.height}."
-            )
-        limit = saved.max_vertices(self.request.settings)
-        if len(mesh.positions) > limit:
-            raise ValueError(
-                f"`start` has {len(mesh.positions)} vertices; `triangles` allows {limit}."
-            )
-        check_tiling(mesh)
-        return mesh
 
     def _arrays(
         self, mesh: Mesh, scale: Float[np.ndarray, "vertices 1"] | None = None
@@ -166,10 +130,6 @@ class MeshFit(AbstractFit):
         Its cost hardly changes during a fit, because the mesh has all vertices from the start.
         """
         return mesh_scene(self.progress.y, self.data)
-
-    def _plan(self, scenes: list[Scene]) -> Plan:
-        """Plan to draw any of these scenes as tilings, with exact coverage (`Area("sum")`)."""
-        return plan(scenes, height=self.height, width=self.width, coverage=Area("sum"))
 
     def _best(self) -> _Best:
         """The unknowns with the least loss so far, moved so that no triangle is flipped.
@@ -251,7 +211,7 @@ class MeshFit(AbstractFit):
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
         # The best unknowns may be older than the last exchange, and outgrow the present plan.
-        plan_for_best = self._plan([mesh_scene(y, self.data)])
+        plan_for_best = mesh_plan([mesh_scene(y, self.data)], self.request.target.image)
         if not self.residual.plan.holds(plan_for_best):
             self.residual = MeshResidual(plan_for_best, self.request.loss)
         y = best_colors(self.residual, y, self.data, self.request.loss.light)
@@ -281,7 +241,7 @@ class MeshFit(AbstractFit):
 
         `reached`: pairs `(unknowns, data)`. The fit itself does not change.
         """
-        plan = self._plan([mesh_scene(y, data) for y, data in reached])
+        plan = mesh_plan([mesh_scene(y, data) for y, data in reached], self.request.target.image)
         return MeshResidual(plan, self.request.loss)
 
     def refine(self, share: float) -> None:

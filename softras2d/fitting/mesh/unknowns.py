@@ -12,11 +12,14 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ...options import Area
 from ...planning.plan import Plan
+from ...rendering.planner import plan as make_plan
 from ...rendering.render import render_checked
 from ...scene import Scene
 from ..frozen import Frozen, with_frozen
 from ..loss import Loss
+from ..target import Image
 from ..units import clip_straight_through
 
 _SMALL_AREA = 0.3
@@ -79,6 +82,15 @@ def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
     corner_colors = colors[data.triangles] if colors.ndim == 2 else colors
     return Scene(vertices_of(y, data), data.triangles, corner_colors, data.background)
+
+
+def mesh_plan(scenes: list[Scene], image: Image) -> Plan:
+    """Plan to draw any of these scenes as tilings, with exact coverage (`Area("sum")`).
+
+    The canvas has the size of `image`.
+    """
+    height, width = image.shape[:2]
+    return make_plan(scenes, height=height, width=width, coverage=Area("sum"))
 
 
 class MeshResidual(eqx.Module):

@@ -1,0 +1,65 @@
+"""Compile the program of a fit's steps while the host still improves the start of the fit.
+
+The search for a start runs on one core for several seconds, and so does the compiler. The program
+is compiled for a mesh of the search. The final mesh has arrays of the same shapes, and costs about
+as much to draw.
+"""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import jax
+
+from ..family import FitRequest
+from ..solve import advance, begin
+from .arrays import data_and_unknowns
+from .colors import ColorModel
+from .triangulation import Mesh
+from .unknowns import MeshResidual, mesh_plan, mesh_scene
+
+
+class EarlyProgram:
+    """The program that takes steps of a fit, compiled in another thread for an early mesh.
+
+    - `request`: the request of the fit. Nothing is compiled early if its `early_chunk_steps` is
+      None.
+    - `model`: the colour model of the fit.
+    """
+
+    def __init__(self, request: FitRequest, model: ColorModel):
+        self._request = request
+        self._model: ColorModel = model
+        self._residual: Future[MeshResidual] | None = None
+
+    def compile_for(self, mesh: Mesh) -> None:
+        """Begin to compile the program for a mesh in another thread, and return at once."""
+        if self._request.early_chunk_steps is not None:
+            pool = ThreadPoolExecutor(1)
+            self._residual = pool.submit(self._compile, mesh)
+            pool.shutdown(wait=False)
+
+    def is_compiling(self) -> bool:
+        """Whether the program is still being compiled, so that the fit cannot take steps yet."""
+        return self._residual is not None and not self._residual.done()
+
+    def residual(self) -> MeshResidual | None:
+        """Wait for the program, and return its residual; None if no program was compiled.
+
+        The final mesh may outgrow its plan. The plan is then replaced at the first chunk of steps,
+        as at any other (`chunk.advance_fits`).
+        """
+        return None if self._residual is None else self._residual.result()
+
+    def _compile(self, mesh: Mesh) -> MeshResidual:
+        """Compile the programs that begin a solve and take its steps; return their residual."""
+        request = self._request
+        with jax.enable_x64(False):
+            data, y = data_and_unknowns(mesh, request, self._model, has_fixed_colors=False)
+            plan = mesh_plan([mesh_scene(y, data)], request.target.image)
+            residual = MeshResidual(plan, request.loss)
+            progress = begin(request.solver, residual, y, data)
+            # No step is taken, but the program is compiled as for a chunk of steps.
+            advance(
+                request.solver, residual, progress, data,
+                steps=0, max_steps=request.early_chunk_steps,
+            )  # fmt: skip
+        return residual

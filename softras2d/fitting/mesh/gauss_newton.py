@@ -1,0 +1,290 @@
+"""Move the vertices of a mesh and change their colours by steps of the Gauss-Newton method.
+
+The image of a mesh with one colour per vertex is continuous, so its derivative has no term at the
+edges of triangles. Let phi be the hat function of a vertex: 1 at the vertex, and linear down to 0
+at its neighbours. Where the image has the gradient g (a row of two numbers for each channel), a
+change of the vertex's colour by c and of its position by p changes the image by phi (c - g p), to
+first order. Products of such changes, summed over the pixels of a triangle, need only the sums of
+products of hat functions that least squares for colours needs as well (`colors.Moments`). So a step
+for all vertices costs little more than solving for their colours.
+
+A pixel is the mean of a grid of samples. The matrix of the normal equations is computed as if each
+sample were a pixel. This bounds the true matrix from above, since the square of a mean is at most
+the mean of the squares: steps are a little shorter, but the matrix couples only vertices that share
+a triangle, in blocks of 5 x 5.
+
+**Source:** Baines, *Algorithms for optimal piecewise linear and constant L2 fits to continuous
+functions with adjustable nodes in one and two dimensions* (Math. Comp. 62, 1994); Marquardt (1963)
+for the damping; Hestenes and Stiefel (1952) for conjugate gradients.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import bsr_array
+
+from ...geometry.vectors import cross
+from ..target import Target
+from .colors import solve_colors
+from .pixel_weights import PixelWeights, pixel_weights
+from .triangulation import Mesh
+from .untangle import untangle
+
+_UNKNOWNS = 5
+"""Number of unknowns of a vertex: its colour, red, green and blue, and its position, x and y."""
+
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-4, 1e2
+"""Damping of the first step, and the bounds of the damping of later steps.
+
+The damping is the fraction of each diagonal entry of the matrix that is added to the entry."""
+
+_DAMPING_FACTORS = 0.4, 8.0
+"""Factors of the damping after a step that lowered the error, and after one that did not."""
+
+_COLOR_RIDGE, _POSITION_RIDGE = 1e-4, 1e-1
+"""Numbers added to the diagonal entries of colours and positions, whatever the damping.
+
+They keep vertices in place that hardly change the image, as in a region of one colour."""
+
+_LONGEST_MOVE = 1.5
+"""Longest move of a vertex in one step, in pixels along each axis.
+
+The image is linear in the position of a vertex only within about the size of its features."""
+
+_MAX_ITERATIONS = 25
+"""Maximum number of iterations of conjugate gradients for one step."""
+
+_TOLERANCE = 1e-2
+"""Conjugate gradients stop when the norm of the residual has fallen by this factor."""
+
+_FEW_PIXELS = 60.0
+"""Mean number of pixels of a triangle below which a pixel is the mean of 2 x 2 samples.
+
+Triangles of more pixels have one sample per pixel, at its centre."""
+
+VertexValues = Float[np.ndarray, "vertices 5"]
+"""A number for each unknown of each vertex."""
+
+
+class _Drawing(NamedTuple):
+    """The samples of a mesh, and how its image differs from the target.
+
+    - `pairs`: all pairs of a triangle and a sample in it, with the index of the sample as `pixel`.
+    - `pixel`: index of the pixel of each pair's sample.
+    - `share`: weight of each pair: the weight of the error of its pixel, divided by the number of
+      samples per pixel. A number if all pixels have the weight 1.
+    - `residual`: the target minus the image, for each channel and pixel.
+    - `error`: squared error, weighted and summed over pixels and channels.
+    """
+
+    pairs: PixelWeights
+    pixel: Int[np.ndarray, " pairs"]
+    share: Float[np.ndarray, " pairs"] | float
+    residual: Float[np.ndarray, "channels pixels"]
+    error: float
+
+
+def move_vertices(mesh: Mesh, target: Target, steps: int) -> Mesh:
+    """Lower the squared error by up to `steps` steps, which begin with the best colours.
+
+    Returns the moved mesh; `gauss_newton` says how.
+    """
+    colors = np.clip(solve_colors(mesh, target), 0.0, 1.0)
+    return gauss_newton(mesh, target, colors, steps)[0]
+
+
+def gauss_newton(
+    mesh: Mesh,
+    target: Target,
+    colors: Float[np.ndarray, "vertices channels"],
+    steps: int,
+) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
+    """Lower the squared error by up to `steps` steps; return the moved mesh and its new colours.
+
+    No step raises the error: a step that would is replaced by shorter ones. No triangle is flipped,
+    vertices on a border stay on it, and colours stay in 0..1. The steps end early if no step lowers
+    the error.
+
+    - `mesh`, `target`: in pixels of the fit.
+    - `colors`: one colour per vertex, in 0..1.
+    """
+    layout = _layout(mesh)
+    drawing = _draw(mesh, target, colors)
+    damping = _FIRST_DAMPING
+    for _ in range(steps):
+        gradient, blocks = _normal_equations(mesh, colors, drawing)
+        while True:
+            change = _solve(mesh, layout, gradient, blocks, damping)
+            moved, changed = _apply(mesh, colors, change)
+            after = _draw(moved, target, changed)
+            if after.error < drawing.error:
+                break
+            damping *= _DAMPING_FACTORS[1]
+            if damping > _MOST_DAMPING:
+                return mesh, colors
+        mesh, colors, drawing = moved, changed, after
+        damping = max(_LEAST_DAMPING, damping * _DAMPING_FACTORS[0])
+    return mesh, colors
+
+
+def _draw(
+    mesh: Mesh,
+    target: Target,
+    colors: Float[np.ndarray, "vertices channels"],
+) -> _Drawing:
+    """Draw a mesh with one sample per pixel, or with 2 x 2, and compare it with the target."""
+    side = 1 if mesh.height * mesh.width >= _FEW_PIXELS * len(mesh.triangles) else 2
+    image, weights = target
+    height, width, channels = image.shape
+    pairs = pixel_weights(
+        mesh.positions * side, mesh.triangles, height=height * side, width=width * side
+    )
+    row, column = np.divmod(pairs.pixel, width * side)
+    pixel = row // side * width + column // side
+    corner_colors = colors[mesh.triangles].transpose(2, 1, 0)
+    counts = pairs.pixel_counts
+    residual = image.reshape(-1, channels).T.astype(np.float64)
+    for channel in range(channels):
+        values = sum(
+            weight * np.repeat(corner, counts)
+            for weight, corner in zip(pairs.weights, corner_colors[channel], strict=True)
+        )
+        residual[channel] -= np.bincount(pixel, values, height * width) / side**2
+    if weights is None:
+        return _Drawing(pairs, pixel, 1 / side**2, residual, float((residual**2).sum()))
+    error_weights = weights.reshape(-1).astype(np.float64)
+    share = error_weights[pixel] / side**2
+    return _Drawing(pairs, pixel, share, residual, float((residual**2 @ error_weights).sum()))
+
+
+def _normal_equations(
+    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"], drawing: _Drawing
+) -> tuple[VertexValues, Float[np.ndarray, "triangles 3 3 5 5"]]:
+    """Compute the right-hand side and the matrix of the normal equations.
+
+    The right-hand side is minus half the gradient of the squared error. The matrix is the sum of
+    the blocks of all triangles, each of which couples two corners of the triangle; the module says
+    in what it differs from the exact one.
+    """
+    pairs, triangles = drawing.pairs, mesh.triangles
+    shared = pairs.weights * drawing.share
+    hats = np.empty((len(triangles), 3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            hats[:, i, j] = hats[:, j, i] = pairs.sum_by_triangle(shared[i] * pairs.weights[j])
+    products = np.empty((len(triangles), 3, 3))
+    for channel, residual in enumerate(drawing.residual):
+        products[:, :, channel] = pairs.sum_by_triangle(shared * residual[drawing.pixel]).T
+    # What a unit change of each unknown, times the hat function, changes in each channel.
+    effect = np.zeros((len(triangles), 3, _UNKNOWNS))
+    effect[:, :, :3] = np.eye(3)
+    effect[:, :, 3:] = -_color_gradients(mesh, colors)
+    blocks = np.einsum("tij,tca,tcb->tijab", hats, effect, effect, optimize=True)
+    by_corner = (products @ effect).reshape(-1, _UNKNOWNS)
+    corner = triangles.ravel()
+    gradient = np.stack(
+        [np.bincount(corner, column, len(mesh.positions)) for column in by_corner.T], 1
+    )
+    return gradient, blocks
+
+
+def _color_gradients(
+    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"]
+) -> Float[np.ndarray, "triangles channels 2"]:
+    """Derivative of each triangle's colour with respect to x and y, per pixel."""
+    a, b, c = mesh.positions[mesh.triangles].transpose(1, 0, 2)
+    ab, ac = b - a, c - a
+    scaled_ab, scaled_ac = (edge / cross(ab, ac)[:, None] for edge in (ab, ac))
+    a, b, c = colors[mesh.triangles].transpose(1, 0, 2)
+    along_x = (b - a) * scaled_ac[:, 1:] - (c - a) * scaled_ab[:, 1:]
+    along_y = (c - a) * scaled_ab[:, :1] - (b - a) * scaled_ac[:, :1]
+    return np.stack([along_x, along_y], -1)
+
+
+class _Layout(NamedTuple):
+    """Where the blocks of the triangles lie in the matrix of the normal equations.
+
+    An entry of the matrix is a block of 5 x 5 for a pair of vertices that share a triangle.
+
+    - `order`: order in which the blocks of triangles are sorted by row and column.
+    - `starts`: for each entry, the index in that order of the first block that is added to it.
+    - `row`, `column`: the two vertices of each entry. Entries are sorted by row.
+    - `is_fixed`: which unknowns may not change: the coordinates that a border fixes.
+    """
+
+    order: Int[np.ndarray, " blocks"]
+    starts: Int[np.ndarray, " entries"]
+    row: Int[np.ndarray, " entries"]
+    column: Int[np.ndarray, " entries"]
+    is_fixed: Bool[np.ndarray, "vertices 5"]
+
+
+def _layout(mesh: Mesh) -> _Layout:
+    """Make the layout of the matrix, which depends on the triangles of the mesh alone."""
+    count, triangles = len(mesh.positions), mesh.triangles.astype(np.int64)
+    pair = (triangles[:, :, None] * count + triangles[:, None, :]).ravel()
+    order = np.argsort(pair, kind="stable")
+    pair, starts = np.unique(pair[order], return_index=True)
+    row, column = np.divmod(pair, count)
+    is_fixed = np.zeros((count, _UNKNOWNS), bool)
+    is_fixed[:, 3], is_fixed[:, 4] = ~mesh.free_x, ~mesh.free_y
+    return _Layout(order, starts, row, column, is_fixed)
+
+
+def _solve(
+    mesh: Mesh,
+    layout: _Layout,
+    gradient: VertexValues,
+    blocks: Float[np.ndarray, "triangles 3 3 5 5"],
+    damping: float,
+) -> VertexValues:
+    """Solve the damped normal equations for the change of each unknown; of fixed ones it is 0."""
+    order, starts, row, column, is_fixed = layout
+    entries = np.add.reduceat(blocks.reshape(-1, _UNKNOWNS, _UNKNOWNS)[order], starts, axis=0)
+    entries *= ~is_fixed[row][:, :, None] & ~is_fixed[column][:, None, :]
+    diagonal = np.flatnonzero(row == column)
+    numbers = np.arange(_UNKNOWNS)
+    ridge = np.array([_COLOR_RIDGE] * 3 + [_POSITION_RIDGE] * 2)
+    added = damping * entries[diagonal][:, numbers, numbers] + ridge
+    entries[diagonal[:, None], numbers, numbers] += np.where(is_fixed, 1.0, added)
+    first = np.searchsorted(row, np.arange(len(mesh.positions) + 1))
+    size = is_fixed.size
+    matrix = bsr_array((entries, column, first), shape=(size, size))
+    return _conjugate_gradients(
+        matrix, np.linalg.inv(entries[diagonal]), np.where(is_fixed, 0.0, gradient)
+    )
+
+
+def _conjugate_gradients(
+    matrix: bsr_array,
+    preconditioner: Float[np.ndarray, "vertices 5 5"],
+    right_side: VertexValues,
+) -> VertexValues:
+    """Solve a linear system by conjugate gradients, preconditioned by a block for each vertex.
+
+    The iterations end after `_MAX_ITERATIONS`, or when the residual is small enough, as measured by
+    the preconditioner.
+    """
+    solution, residual = np.zeros_like(right_side), right_side.copy()
+    direction = preconditioned = np.einsum("vij,vj->vi", preconditioner, residual)
+    product = first_product = (residual * preconditioned).sum()
+    for _ in range(_MAX_ITERATIONS):
+        if product <= _TOLERANCE**2 * first_product:
+            break
+        image = (matrix @ direction.ravel()).reshape(direction.shape)
+        length = product / (direction * image).sum()
+        solution += length * direction
+        residual -= length * image
+        preconditioned = np.einsum("vij,vj->vi", preconditioner, residual)
+        last, product = product, (residual * preconditioned).sum()
+        direction = preconditioned + product / last * direction
+    return solution
+
+
+def _apply(
+    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"], change: VertexValues
+) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
+    """Return the mesh and its colours after a change, as far as no triangle is flipped."""
+    move = np.clip(change[:, 3:], -_LONGEST_MOVE, _LONGEST_MOVE)
+    return untangle(mesh, mesh.positions + move), np.clip(colors + change[:, :3], 0.0, 1.0)

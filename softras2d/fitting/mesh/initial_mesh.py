@@ -1,0 +1,61 @@
+"""Make the mesh from which a fit starts, as the option `start` says."""
+
+from ..family import FitRequest
+from . import saved
+from .colors import ColorModel
+from .early_program import EarlyProgram
+from .start import delaunay_start, error_start, uniform_start
+from .triangulation import Mesh, check_tiling
+
+
+def initial_mesh(request: FitRequest, model: ColorModel, early: EarlyProgram) -> Mesh:
+    """Make the mesh to start from, or take it from the state of the fit that is resumed.
+
+    The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the fit.
+
+    - `model`: the colour model of the fit.
+    - `early`: compiled when a start by error has settled, while it is still improved.
+    """
+    target, start, seed = request.target, request.start, request.seed
+    height, width = target.image.shape[:2]
+    if request.resume_state is not None:
+        return _checked(saved.mesh_of(request.resume_state), request)
+    if isinstance(start, Mesh):
+        return _checked(start, request)
+    vertices = saved.max_vertices(request.settings)
+    if start == "uniform":
+        return uniform_start(height, width, vertices, seed=seed)
+    if start == "delaunay":
+        return delaunay_start(target, vertices, seed=seed)
+    if start != "error":
+        raise ValueError(
+            f"`start` must be 'error', 'uniform', 'delaunay' or a Mesh; got {start!r:.60}."
+        )
+
+    def must_start() -> bool:
+        # No step can be taken before the program is compiled, so the start may as well improve.
+        return request.must_start() and not early.is_compiling()
+
+    return error_start(
+        target, vertices, model=model, seed=seed, must_start=must_start,
+        has_settled=early.compile_for,
+    )  # fmt: skip
+
+
+def _checked(mesh: Mesh, request: FitRequest) -> Mesh:
+    """Return `mesh` itself; raise `ValueError` unless the fit can start from it.
+
+    It must have the size of the fit, tile the canvas, and have at most `saved.max_vertices`
+    vertices.
+    """
+    height, width = request.target.image.shape[:2]
+    if (mesh.height, mesh.width) != (height, width):
+        raise ValueError(
+            f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "
+            f"{width} x {height}."
+        )
+    limit = saved.max_vertices(request.settings)
+    if len(mesh.positions) > limit:
+        raise ValueError(f"`start` has {len(mesh.positions)} vertices; `triangles` allows {limit}.")
+    check_tiling(mesh)
+    return mesh
