@@ -71,8 +71,8 @@ def data_and_unknowns(
 def padded_colors(colors: Colors, model: ColorModel, capacity: int) -> Float[Array, "..."]:
     """Convert colours, as `solve_colors` returns them, to the unknowns `MeshUnknowns.colors`.
 
-    One colour per vertex is returned as it is. For the other colour models, zeros are appended for
-    the spare triangles.
+    The result is float32. One colour per vertex keeps its shape. For the other colour models, zeros
+    are appended for the spare triangles.
 
     `capacity`: number of triangles in the arrays, including spare triangles, which are not visible.
     """

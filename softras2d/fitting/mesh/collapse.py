@@ -29,7 +29,8 @@ class Collapses(NamedTuple):
     - `vertex`, `neighbor`: for each candidate, the vertex that it removes, and the vertex onto
       which it moves that one.
     - `candidate`, `triangle`: for each entry, the index of its candidate and of its triangle.
-    - `corners_after`: for each entry, the three vertices of its triangle after the collapse.
+    - `corners_after`: for each entry, the three vertices of its triangle after the collapse, two of
+      which are equal if it vanishes.
     - `remains`: for each entry, whether its triangle remains, rather than vanishes.
     """
 
@@ -79,7 +80,8 @@ def collapse(
     Each is moved onto a neighbour. The squared error is weighted and summed over pixels and
     channels. The corners of the canvas stay, and a vertex on a side is moved along that side. No
     two removed vertices share a triangle. Exact costs are computed only for the candidates with the
-    least estimated cost. Fewer vertices are removed if there are too few allowed collapses.
+    least estimated cost, `_EXAMINED` for each vertex to be removed. Fewer vertices are removed if
+    too few of these can be chosen together.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.
@@ -160,7 +162,7 @@ def _estimated_costs(
     The estimate is a product of two factors. The first is the squared difference between the colour
     of the removed vertex and the colour that is interpolated at its position after the collapse.
     The second is the integral of the squared hat function of the vertex, which is 1 at the vertex
-    and falls linearly to 0 at its neighbours.
+    and falls linearly to 0 at its neighbours. The weights of pixels do not count.
     """
     positions = mesh.positions
     a, b, c = positions[collapses.corners_after].transpose(1, 0, 2)
@@ -215,7 +217,7 @@ def _triangles_around(collapses: Collapses) -> Int[np.ndarray, "candidates degre
 def _apply(mesh: Mesh, collapses: Collapses) -> Mesh:
     """Return the mesh after all of the given collapses.
 
-    No two of them may change the same triangle. The vertices that remain keep their order.
+    No two of them may concern the same triangle. The vertices that remain keep their order.
     """
     unchanged = np.delete(mesh.triangles, collapses.triangle, axis=0)
     triangles = np.concatenate([unchanged, collapses.corners_after[collapses.remains]])

@@ -5,8 +5,9 @@ across edges. `"triangle"` has one colour per triangle. `"linear"` has one colou
 triangle, so that each channel is a linear function of position in each triangle. A pixel of the
 image has the colour at its centre.
 
-In all modules of this folder, the squared error is computed from sRGB values, multiplied by the
-weights of the pixels, and summed over pixels and channels.
+In the modules of this folder, the squared error is computed from sRGB values, multiplied by the
+weights of the pixels, and summed over pixels and channels, unless a docstring says otherwise. Only
+the residual of the fit (`unknowns.MeshResidual`) has the loss and the colour space of the fit.
 """
 
 from typing import Literal, NamedTuple
@@ -32,7 +33,7 @@ CornerColors = Float[np.ndarray, "triangles 3 channels"]
 RIDGE = 1e-4
 """Weight of an initial guess of each colour, relative to the weight 1 of a pixel.
 
-The guess decides colours that the pixels do not determine."""
+The guess decides what the pixels do not determine."""
 
 
 class Moments(NamedTuple):
@@ -79,9 +80,10 @@ def color_moments(
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
     """Compute the colours of least squared error at the pixel centres, not clipped to 0..1.
 
-    Where the pixels do not determine a colour, a vertex takes the colour of the pixel under it; a
-    triangle takes, at all corners, the mean colour of its pixels or, if it has none, the colour of
-    the pixel under its centroid.
+    An initial guess with the small weight `RIDGE` decides what the pixels do not determine. For a
+    vertex, it is the colour of the pixel under it. For all corners of a triangle, it is the
+    weighted mean colour of its pixels or, if it has none, the colour of the pixel under its
+    centroid.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model of the result.
@@ -113,7 +115,7 @@ def target_at_pairs(
 def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorModel) -> Colors:
     """Compute the colours that `solve_colors` does, from the moments of each triangle.
 
-    `image`: the target's image, whose pixels are the initial guess of the colours.
+    `image`: the target's image, from whose pixels the initial guess is taken.
     """
     if model == "vertex":
         guess = _pixels_at(image, mesh.positions)
@@ -134,8 +136,8 @@ def solve_planes(
 ) -> Float[np.ndarray, "triangles 3 channels"]:
     """Solve for the three corner colours of each triangle, independently of other triangles.
 
-    `mean`: one colour for each triangle, the initial guess for its three corners. Where the pixels
-    do not determine the colours, the guess is the result.
+    `mean`: one colour for each triangle, the initial guess for its three corners. It decides what
+    the pixels do not determine (see `RIDGE`).
     """
     matrix = moments.matrix + RIDGE * np.eye(3)
     return np.linalg.solve(matrix, moments.weighted_target + RIDGE * mean[:, None])

@@ -1,8 +1,8 @@
 """Compile the program of a fit's steps while the host still improves the start of the fit.
 
 The search for a start runs on one core for several seconds, and so does the compiler. The program
-is compiled for a mesh of the search. The final mesh has arrays of the same shapes, and costs about
-as much to draw.
+is compiled for a mesh of the search. The final mesh costs about as much to draw, and has arrays of
+the same shapes. If an exchange leaves it with fewer vertices, the program is compiled again.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,7 +18,7 @@ from .unknowns import MeshResidual, mesh_plan, mesh_scene
 
 
 class EarlyProgram:
-    """The program that takes steps of a fit, compiled in another thread for an early mesh.
+    """Compile the program that takes steps of a fit, in another thread and for an early mesh.
 
     - `request`: the request of the fit. Nothing is compiled early if its `early_chunk_steps` is
       None.
@@ -31,21 +31,25 @@ class EarlyProgram:
         self._residual: Future[MeshResidual] | None = None
 
     def compile_for(self, mesh: Mesh) -> None:
-        """Begin to compile the program for a mesh in another thread, and return at once."""
+        """Begin to compile the program for a mesh in another thread, and return at once.
+
+        Does nothing if `early_chunk_steps` of the request is None.
+        """
         if self._request.early_chunk_steps is not None:
             pool = ThreadPoolExecutor(1)
             self._residual = pool.submit(self._compile, mesh)
             pool.shutdown(wait=False)
 
     def is_compiling(self) -> bool:
-        """Whether the program is still being compiled, so that the fit cannot take steps yet."""
+        """Whether the program is being compiled now, so that the fit cannot take steps yet."""
         return self._residual is not None and not self._residual.done()
 
     def residual(self) -> MeshResidual | None:
-        """Wait for the program, and return its residual; None if no program was compiled.
+        """Wait for the program, and return its residual; None if no compilation was begun.
 
-        The final mesh may outgrow its plan. The plan is then replaced at the first chunk of steps,
-        as at any other (`chunk.advance_fits`).
+        Raises the error of the other thread if the compilation failed. The final mesh may outgrow
+        the residual's plan. The plan is then replaced at the first chunk of steps, as at any other
+        (`chunk.advance_fits`).
         """
         return None if self._residual is None else self._residual.result()
 

@@ -11,13 +11,13 @@ from .pixel_weights import pixel_weights
 from .triangulation import Edges, Mesh, Triangles, find_edges, greedy_disjoint
 
 _LEAST_AREA = 0.5
-"""Least area, in square pixels, of the two triangles that a flip makes."""
+"""Area, in square pixels, that both triangles made by a flip of `flip_edges` must exceed."""
 
 _RELATIVE_GAIN = 1e-6
 """Least drop in squared error for which an edge is flipped, as a fraction of the mean squared error
 of a pixel.
 
-A smaller drop may be a rounding error, and flips could repeat forever."""
+A smaller drop may be a rounding error, and edges could flip back and forth."""
 
 
 _MAX_ROUNDS = 1000
@@ -27,8 +27,8 @@ _MAX_ROUNDS = 1000
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
-    Only its triangles change. Flips that rounding may ask for are left out, and after `_MAX_ROUNDS`
-    rounds the mesh is returned as it is.
+    Vertices stay. Flips for which only rounding asks, or that would make a triangle of at most 1e-9
+    square pixels, are left out. After `_MAX_ROUNDS` rounds the mesh is returned as it is.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
@@ -55,7 +55,8 @@ def flip_edges(
     """Flip edges where that lowers the squared error; return the mesh with the flipped edges.
 
     In each round, all colours are solved for; then edges are flipped, no two of which share a
-    triangle. Edges with a larger gain (see `flip_gains`) come first.
+    triangle. Each of them alone would lower the error (see `flip_gains`), and those with a larger
+    gain come first.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.
@@ -80,8 +81,9 @@ def flip_edges(
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
     """Find the edges whose flip would make two triangles of more than `least_area` each.
 
-    Edges on the border of the canvas, which have one triangle, cannot be flipped. Areas are in
-    square pixels. A triangle whose orientation would be reversed has a negative area.
+    A `least_area` below 1e-9 counts as 1e-9. Edges on the border of the canvas, which have one
+    triangle, cannot be flipped. Areas are in square pixels. A triangle whose orientation would be
+    reversed has a negative area.
     """
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.triangles[:, 1] >= 0] for field in edges))

@@ -1,8 +1,9 @@
 """Solve for the colours of a mesh, and measure its squared error against the target.
 
-Every change of a mesh is judged by two squared errors. `evaluate` measures the one before the
-change. `solved_error` and `error_of_colors` compute the one after it, from the moments of the
-changed triangles. Squared errors are weighted and summed over pixels and channels.
+`evaluate` does both for a whole mesh. `solved_error` and `error_of_colors` compute the squared
+error of each triangle from its moments, so that a change of a few triangles can be judged by them
+alone. Squared errors are weighted and, except in `Evaluation.error`, summed over pixels and
+channels.
 """
 
 from typing import NamedTuple
@@ -35,7 +36,7 @@ class Evaluation(NamedTuple):
     - `pairs`: all pairs of a triangle and a pixel whose centre lies in it.
     - `values`: the target at the pixel of each pair.
     - `error_weights`: the weight of the error at the pixel of each pair; None: all are 1.
-    - `residual`: the target minus the image of the mesh, at the pixel of each pair.
+    - `residual`: the target minus the image of the mesh in `colors`, at the pixel of each pair.
     - `moments`: the moments of each triangle (see `colors.Moments`).
     - `colors`: the colours of least squared error, not clipped.
     """
@@ -71,8 +72,10 @@ def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
 def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
     """Squared error of each triangle in the colours that are best for this triangle alone.
 
-    `moments`: the moments of the triangles (see `colors.Moments`). The colours are not clipped. For
-    the colour model `"triangle"` that is one colour, and for any other model three corner colours.
+    These are one colour for the colour model `"triangle"`, and three corner colours for any other
+    model. They are not clipped. The error is 0 for a triangle without pixels.
+
+    `moments`: the moments of the triangles (see `colors.Moments`).
     """
     total, weight = moments.weighted_target.sum(1), moments.matrix.sum((1, 2))
     mean = total / np.maximum(weight, 1e-12)[:, None]

@@ -1,4 +1,4 @@
-"""Move vertices to where the error is large: collapse some, and insert as many elsewhere."""
+"""Move vertices to where the error is large: collapse some, and then insert as many."""
 
 from ..target import Target
 from .collapse import collapse
@@ -9,11 +9,11 @@ from .triangulation import Mesh
 
 
 def exchange(mesh: Mesh, target: Target, count: int, *, model: ColorModel = "vertex") -> Mesh:
-    """Collapse up to `count` vertices, insert as many elsewhere, and then flip edges in one round.
+    """Collapse up to `count` vertices, insert as many new ones, and then flip edges in one round.
 
-    The collapsed vertices are those whose removal raises the squared error least. The new vertices
-    are inserted where they lower it most. If fewer can be inserted, the returned mesh has fewer
-    vertices than `mesh`.
+    `collapse` removes vertices whose removal raises the squared error least. `insert` adds vertices
+    where they lower it most. If fewer can be inserted than were removed, the returned mesh has
+    fewer vertices than `mesh`.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.

@@ -1,9 +1,10 @@
 """The fit of a mesh that tiles the canvas.
 
-Between chunks of steps, vertices are moved back until no triangle is flipped, which means that its
-orientation is reversed. At a few points of a fit (see `schedule`), the vertices whose removal
-raises the squared error least are collapsed, and as many are inserted where they lower the squared
-error most. The number of vertices does not change, so the compiled program can be reused.
+Between chunks of steps, vertices are moved back until no triangle is flipped. A flipped triangle is
+one of reversed orientation. With `start="error"` and without the option `freeze`, the vertices
+whose removal raises the squared error least are collapsed at a few points of a fit (see
+`schedule`), and as many are inserted where they lower the squared error most. The number of
+vertices does not change, so the compiled program can be reused.
 """
 
 from collections.abc import Sequence
@@ -66,7 +67,7 @@ class MeshFit(AbstractFit):
 
     - `height`, `width`: size of the fit in pixels.
 
-    The base class describes the other attributes and the methods. The constructor raises
+    The base class describes the other attributes and the methods. The constructor also raises
     `ValueError` for a target with alpha, because a mesh covers the canvas.
     """
 
@@ -96,8 +97,8 @@ class MeshFit(AbstractFit):
     def max_triangles(self) -> int:
         """Number of triangles in use now, which is about the number at the end of the fit.
 
-        A mesh has all of its vertices from the start. The number of triangles changes only when an
-        exchange moves vertices to or from the border.
+        A mesh has all of its vertices from the start. The number of triangles changes a little when
+        exchanges move vertices to or from the border.
         """
         return self.active
 
@@ -163,7 +164,7 @@ class MeshFit(AbstractFit):
     def go_on_from(self, scene: Scene) -> None:
         """Move the vertices towards the positions in `scene`, and take its colours.
 
-        Vertices move only as far as no triangle is flipped, and frozen colours stay. If triangles
+        Vertices move only as far as no triangle is flipped, and what is frozen stays. If triangles
         already have colours of the palette, each colour is replaced by the nearest colour of the
         palette. If vertices have colours, each takes that of the last corner at it in `scene`. The
         best unknowns so far are forgotten.
@@ -206,7 +207,8 @@ class MeshFit(AbstractFit):
     def polish(self) -> None:
         """Replace the unknowns by the best so far, with the colours of least squared error.
 
-        The best unknowns are then forgotten. A plan that is too small for the new ones is replaced.
+        Frozen colours stay. The best unknowns are then forgotten. A plan that is too small for the
+        new ones is replaced.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
@@ -222,7 +224,8 @@ class MeshFit(AbstractFit):
         """Replace the unknowns by the best so far, with colours that suit the pixels of `target`.
 
         `target`: the image and its weights at their original size. The colours minimise the
-        weighted squared error of sRGB values, and are then clipped to 0..1.
+        weighted squared error of sRGB values, and are then clipped to 0..1. Frozen colours stay.
+        The best unknowns are then forgotten.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
@@ -248,8 +251,9 @@ class MeshFit(AbstractFit):
         """Do what the schedule and the options ask for before a chunk of steps.
 
         In this order: move vertices back until no triangle is flipped; exchange vertices when that
-        is due and the options allow it; with Adam, lower the learning rate; assign colours of the
-        palette, if there is one. `share`: share of the fit that is done, 0..1.
+        is due and the options allow it; set the learning rate, if the solver has one that may be
+        lowered; assign colours of the palette, if there is one, from `PALETTE_START` on. `share`:
+        share of the fit that is done, 0..1.
         """
         if self.progress.steps:
             self._untangle()
@@ -266,8 +270,9 @@ class MeshFit(AbstractFit):
     def _untangle(self) -> None:
         """Move vertices back until no triangle is flipped.
 
-        With Adam, the unknowns are set to the new positions. Other solvers remember their last
-        point, so for them only `_mesh` changes, which the next exchange uses.
+        If the request's `adjustable_rate` is true, the unknowns are set to the new positions. Other
+        solvers may remember their last point, so for them only `_mesh` changes, which the next
+        exchange uses.
         """
         self._mesh, y = _untangled(self.progress.y, self._mesh, self.data)
         if self.request.adjustable_rate:
@@ -276,9 +281,9 @@ class MeshFit(AbstractFit):
     def _exchange(self, count: int) -> None:
         """Move up to `count` vertices to where they lower the squared error most.
 
-        `exchange.exchange` says how. The best unknowns before the exchange are remembered, and a
-        new solve begins on the new mesh. Nothing changes if fewer vertices could be inserted than
-        were collapsed.
+        `exchange.exchange` says how. The best unknowns before the exchange, if a loss is known, are
+        remembered. A new solve begins on the new mesh, but the number of steps stays. Nothing
+        changes if fewer vertices could be inserted than were collapsed.
         """
         steps = self.progress.steps
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)

@@ -12,14 +12,14 @@ from .pixel_weights import pixel_weights
 from .triangulation import Mesh
 
 _STRIP_PIXELS = 2**19
-"""Number of pixels of a strip of rows; each pixel takes some 150 bytes."""
+"""Largest number of pixels of a strip of several rows; each pixel takes some 150 bytes."""
 
 SECONDS_PER_MEGAPIXEL = 0.15
 """Seconds that `colors_at_full_size` takes per megapixel of the target, measured on one core."""
 
 
 def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Colors:
-    """Compute the colours that `colors.solve_colors` does, in bounded memory; they are not clipped.
+    """Compute the colours that `colors.solve_colors` does, strip by strip; they are not clipped.
 
     - `mesh`: with positions in pixels of the target.
     - `target`: the image and its weights at their original size.

@@ -5,13 +5,13 @@ edges of triangles. Let phi be the hat function of a vertex: 1 at the vertex, an
 at its neighbours. Where the image has the gradient g (a row of two numbers for each channel), a
 change of the vertex's colour by c and of its position by p changes the image by phi (c - g p), to
 first order. Products of such changes, summed over the pixels of a triangle, need only the sums of
-products of hat functions that least squares for colours needs as well (`colors.Moments`). So a step
-for all vertices costs little more than solving for their colours.
+products of hat functions that least squares for colours needs as well (`colors.Moments`).
 
-A pixel is the mean of a grid of samples. The matrix of the normal equations is computed as if each
-sample were a pixel. This bounds the true matrix from above, since the square of a mean is at most
-the mean of the squares: steps are a little shorter, but the matrix couples only vertices that share
-a triangle, in blocks of 5 x 5.
+A pixel is the mean of one sample or of 2 x 2 (see `_FEW_PIXELS`). In the second case, the matrix of
+the normal equations is computed as if each sample were a pixel of a quarter of the weight. This
+bounds the true matrix from above, since the square of a mean is at most the mean of the squares:
+steps are a little shorter, but the matrix couples only vertices that share a triangle, in blocks of
+5 x 5.
 
 **Source:** Baines, *Algorithms for optimal piecewise linear and constant L2 fits to continuous
 functions with adjustable nodes in one and two dimensions* (Math. Comp. 62, 1994); Marquardt (1963)
@@ -35,15 +35,15 @@ _UNKNOWNS = 5
 """Number of unknowns of a vertex: its colour, red, green and blue, and its position, x and y."""
 
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-4, 1e2
-"""Damping of the first step, and the bounds of the damping of later steps.
+"""Damping at first, its lower bound, and the bound above which the steps end.
 
 The damping is the fraction of each diagonal entry of the matrix that is added to the entry."""
 
 _DAMPING_FACTORS = 0.4, 8.0
-"""Factors of the damping after a step that lowered the error, and after one that did not."""
+"""Factors of the damping after a step that lowers the error, and after a try that does not."""
 
 _COLOR_RIDGE, _POSITION_RIDGE = 1e-4, 1e-1
-"""Numbers added to the diagonal entries of colours and positions, whatever the damping.
+"""Numbers added to the diagonal entries of colours and of free coordinates, whatever the damping.
 
 They keep vertices in place that hardly change the image, as in a region of one colour."""
 
@@ -56,25 +56,25 @@ _MAX_ITERATIONS = 25
 """Maximum number of iterations of conjugate gradients for one step."""
 
 _TOLERANCE = 1e-2
-"""Conjugate gradients stop when the norm of the residual has fallen by this factor."""
+"""Conjugate gradients stop when the norm of the residual is at most this fraction of the first."""
 
 _FEW_PIXELS = 60.0
-"""Mean number of pixels of a triangle below which a pixel is the mean of 2 x 2 samples.
+"""Mean number of pixels of the triangles of a mesh, below which a pixel has 2 x 2 samples.
 
-Triangles of more pixels have one sample per pixel, at its centre."""
+A mesh with larger triangles is drawn with one sample per pixel, at its centre."""
 
 VertexValues = Float[np.ndarray, "vertices 5"]
-"""A number for each unknown of each vertex."""
+"""A number for each unknown of each vertex, in the order red, green, blue, x, y."""
 
 
 class _Drawing(NamedTuple):
     """The samples of a mesh, and how its image differs from the target.
 
     - `pairs`: all pairs of a triangle and a sample in it, with the index of the sample as `pixel`.
-    - `pixel`: index of the pixel of each pair's sample.
+    - `pixel`: index of the pixel of each pair's sample, row * width + column.
     - `share`: weight of each pair: the weight of the error of its pixel, divided by the number of
-      samples per pixel. A number if all pixels have the weight 1.
-    - `residual`: the target minus the image, for each channel and pixel.
+      samples per pixel. One number for all pairs if the target has no weights.
+    - `residual`: the target minus the image, for each channel and pixel, not weighted.
     - `error`: squared error, weighted and summed over pixels and channels.
     """
 
@@ -86,9 +86,11 @@ class _Drawing(NamedTuple):
 
 
 def move_vertices(mesh: Mesh, target: Target, steps: int) -> Mesh:
-    """Lower the squared error by up to `steps` steps, which begin with the best colours.
+    """Move the vertices by up to `steps` steps of `gauss_newton`; return the moved mesh.
 
-    Returns the moved mesh; `gauss_newton` says how.
+    The steps begin with the colours of least squared error, clipped to 0..1.
+
+    `mesh`, `target`: in pixels of the fit; the target has three channels.
     """
     colors = np.clip(solve_colors(mesh, target), 0.0, 1.0)
     return gauss_newton(mesh, target, colors, steps)[0]
@@ -102,12 +104,12 @@ def gauss_newton(
 ) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
     """Lower the squared error by up to `steps` steps; return the moved mesh and its new colours.
 
-    No step raises the error: a step that would is replaced by shorter ones. No triangle is flipped,
-    vertices on a border stay on it, and colours stay in 0..1. The steps end early if no step lowers
-    the error.
+    Each step lowers the error: one that does not is tried again with more damping, which shortens
+    it. The steps end early if no step lowers the error, however it is damped. No triangle is
+    flipped, vertices on a border stay on it, and colours stay in 0..1.
 
-    - `mesh`, `target`: in pixels of the fit.
-    - `colors`: one colour per vertex, in 0..1.
+    - `mesh`, `target`: in pixels of the fit; the target has three channels.
+    - `colors`: one RGB colour per vertex, in 0..1.
     """
     layout = _layout(mesh)
     drawing = _draw(mesh, target, colors)
@@ -133,7 +135,10 @@ def _draw(
     target: Target,
     colors: Float[np.ndarray, "vertices channels"],
 ) -> _Drawing:
-    """Draw a mesh with one sample per pixel, or with 2 x 2, and compare it with the target."""
+    """Draw a mesh with one sample per pixel, or with 2 x 2, and compare it with the target.
+
+    `_FEW_PIXELS` decides the number of samples.
+    """
     side = 1 if mesh.height * mesh.width >= _FEW_PIXELS * len(mesh.triangles) else 2
     image, weights = target
     height, width, channels = image.shape
@@ -163,9 +168,10 @@ def _normal_equations(
 ) -> tuple[VertexValues, Float[np.ndarray, "triangles 3 3 5 5"]]:
     """Compute the right-hand side and the matrix of the normal equations.
 
-    The right-hand side is minus half the gradient of the squared error. The matrix is the sum of
-    the blocks of all triangles, each of which couples two corners of the triangle; the module says
-    in what it differs from the exact one.
+    The right-hand side is minus half the gradient of the squared error. The matrix is returned as
+    one block of 5 x 5 for each pair of corners of each triangle. Blocks for the same two vertices,
+    in the same order, are still to be added. The module says how the matrix differs from the exact
+    one.
     """
     pairs, triangles = drawing.pairs, mesh.triangles
     shared = pairs.weights * drawing.share
@@ -205,11 +211,13 @@ def _color_gradients(
 class _Layout(NamedTuple):
     """Where the blocks of the triangles lie in the matrix of the normal equations.
 
-    An entry of the matrix is a block of 5 x 5 for a pair of vertices that share a triangle.
+    An entry of the matrix is a block of 5 x 5 for a pair of vertices, its row and its column, that
+    share a triangle or are the same vertex.
 
-    - `order`: order in which the blocks of triangles are sorted by row and column.
-    - `starts`: for each entry, the index in that order of the first block that is added to it.
-    - `row`, `column`: the two vertices of each entry. Entries are sorted by row.
+    - `order`: indices of the blocks of all triangles, 9 each, sorted by row and then by column.
+    - `starts`: for each entry, the index in `order` of the first block that is added to it; the
+      others follow.
+    - `row`, `column`: the two vertices of each entry. Entries are sorted by row, then by column.
     - `is_fixed`: which unknowns may not change: the coordinates that a border fixes.
     """
 
@@ -221,7 +229,7 @@ class _Layout(NamedTuple):
 
 
 def _layout(mesh: Mesh) -> _Layout:
-    """Make the layout of the matrix, which depends on the triangles of the mesh alone."""
+    """Make the layout of the matrix, which stays the same when vertices move."""
     count, triangles = len(mesh.positions), mesh.triangles.astype(np.int64)
     pair = (triangles[:, :, None] * count + triangles[:, None, :]).ravel()
     order = np.argsort(pair, kind="stable")
@@ -239,7 +247,13 @@ def _solve(
     blocks: Float[np.ndarray, "triangles 3 3 5 5"],
     damping: float,
 ) -> VertexValues:
-    """Solve the damped normal equations for the change of each unknown; of fixed ones it is 0."""
+    """Solve the damped normal equations for the change of each unknown; of fixed ones it is 0.
+
+    The solution is approximate (see `_conjugate_gradients`).
+
+    - `gradient`, `blocks`: the right-hand side and the matrix, as `_normal_equations` returns them.
+    - `damping`: fraction of each diagonal entry that is added to the entry.
+    """
     order, starts, row, column, is_fixed = layout
     entries = np.add.reduceat(blocks.reshape(-1, _UNKNOWNS, _UNKNOWNS)[order], starts, axis=0)
     entries *= ~is_fixed[row][:, :, None] & ~is_fixed[column][:, None, :]
@@ -261,10 +275,12 @@ def _conjugate_gradients(
     preconditioner: Float[np.ndarray, "vertices 5 5"],
     right_side: VertexValues,
 ) -> VertexValues:
-    """Solve a linear system by conjugate gradients, preconditioned by a block for each vertex.
+    """Solve a linear system approximately by preconditioned conjugate gradients, starting at 0.
 
-    The iterations end after `_MAX_ITERATIONS`, or when the residual is small enough, as measured by
-    the preconditioner.
+    The iterations end after `_MAX_ITERATIONS`, or as `_TOLERANCE` says. The norm of the residual r
+    is the root of r^T P r, where P is the preconditioner.
+
+    `preconditioner`: for each vertex, the inverse of its block on the diagonal of `matrix`.
     """
     solution, residual = np.zeros_like(right_side), right_side.copy()
     direction = preconditioned = np.einsum("vij,vj->vi", preconditioner, residual)
@@ -285,6 +301,10 @@ def _conjugate_gradients(
 def _apply(
     mesh: Mesh, colors: Float[np.ndarray, "vertices channels"], change: VertexValues
 ) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
-    """Return the mesh and its colours after a change, as far as no triangle is flipped."""
+    """Return the mesh and its colours after a change of both.
+
+    Vertices move by at most `_LONGEST_MOVE` along each axis, and only as far as no triangle is
+    flipped. Colours change in full, and are then clipped to 0..1.
+    """
     move = np.clip(change[:, 3:], -_LONGEST_MOVE, _LONGEST_MOVE)
     return untangle(mesh, mesh.positions + move), np.clip(colors + change[:, :3], 0.0, 1.0)

@@ -14,7 +14,8 @@ def initial_mesh(request: FitRequest, model: ColorModel, early: EarlyProgram) ->
     The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the fit.
 
     - `model`: the colour model of the fit.
-    - `early`: compiled when a start by error has settled, while it is still improved.
+    - `early`: with `start="error"`, begins to compile when `error_start` calls `has_settled`. While
+      it compiles, the start is improved even if `request.must_start` returns true.
     """
     target, start, seed = request.target, request.start, request.seed
     height, width = target.image.shape[:2]

@@ -31,7 +31,7 @@ def insert(
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.
-    - `least_area`: least area of a piece of a triangle, in square pixels.
+    - `least_area`: least area of a piece of a split triangle, in square pixels.
 
     **Source:** greedy insertion as in Garland and Heckbert, *Fast polygonal approximation of
     terrains and height fields* (1995). Here each round inserts many points, and their priority is

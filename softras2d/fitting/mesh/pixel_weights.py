@@ -59,7 +59,8 @@ def pixel_weights(
     A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
     one of its two short edges. A centre on an edge belongs to the triangle to the right of the
     edge, or below the edge if it is horizontal. Triangles that share an edge compute its crossing
-    with a row from the same end points in the same order, so a tiling leaves no centre out.
+    with a row from the same end points in the same order. So in a tiling of the canvas, each centre
+    belongs to exactly one triangle.
     """
     corners = positions[triangles]
     # From top to bottom; at equal heights from left to right, so that neighbours agree.
@@ -93,8 +94,8 @@ def _expand_ranges(
 ) -> tuple[Int[np.ndarray, " integers"], Int[np.ndarray, " integers"]]:
     """List the integers `starts[i]`, ..., `ends[i] - 1` of each range i, one range after the other.
 
-    Returns two arrays with a number for each listed integer: the index of its range, and the
-    integer.
+    A range whose end is not above its start is empty. Returns two arrays with a number for each
+    listed integer: the index of its range, and the integer.
     """
     lengths = np.maximum(ends - starts, 0)
     index = np.repeat(np.arange(len(lengths)), lengths)

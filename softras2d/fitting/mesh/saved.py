@@ -35,7 +35,8 @@ def check_mesh_state(
 ) -> list[tuple[int, ...]]:
     """Check the arrays that `MeshFit.family_state` returned; raise `ValueError` for a fault.
 
-    Returns the shapes of the arrays of `MeshUnknowns`, in order.
+    Those of `steered_state` are not checked. Returns the shapes of the arrays of `MeshUnknowns`, in
+    order.
 
     - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `settings`, `size`: the settings and the size of the fit.

@@ -1,7 +1,7 @@
 """The schedule of a fit of a mesh: functions of `share`, the share of the fit that is done, 0..1.
 
 At each of the shares in `_EXCHANGES`, the vertices whose removal raises the squared error least are
-moved to where they lower it most. During the fit the learning rate falls like a cosine.
+moved to where they lower it most. During the fit the learning rate falls like half a cosine.
 """
 
 import numpy as np
@@ -15,7 +15,8 @@ vertices that it moves."""
 _LEARNING_RATE = 0.03
 """First learning rate.
 
-With this rate, a step of Adam changes a position by up to 0.6 pixels and a colour by up to 0.03."""
+With this rate, a step of Adam changes a colour by about 0.03, and a position by about 0.6 pixels,
+or less where `MeshData.scale` is below 20."""
 
 _FINAL_RATE_FACTOR = 0.02
 """The last learning rate, as a multiple of the first."""
@@ -24,8 +25,8 @@ _FINAL_RATE_FACTOR = 0.02
 def vertices_to_exchange(share: float, last_exchange: float, vertices: int) -> int:
     """Number of vertices to exchange at the share `share` of the fit; 0 if no exchange is due.
 
-    If several exchanges in `_EXCHANGES` are due, only the last of them is made. If one is due, the
-    number is at least 1.
+    An exchange in `_EXCHANGES` is due if its share is above `last_exchange` and at most `share`. If
+    several are due, only the last of them is made. If any is due, the number is at least 1.
 
     - `share`: share of the fit that is done, 0..1.
     - `last_exchange`: share of the fit at the last exchange; 0 if there was none.

@@ -56,7 +56,7 @@ class Splits(NamedTuple):
       new vertex. All other colours stay. The gain is minus infinity if a piece would be too small
       at every point that was tried.
     - `points`: positions of the candidates, in pixels.
-    - `edges`: the edges of the mesh.
+    - `edges`: the edges of the mesh, in the order of the candidates on them.
     """
 
     gain: Float[np.ndarray, " candidates"]
@@ -65,7 +65,7 @@ class Splits(NamedTuple):
 
 
 def best_splits(mesh: Mesh, evaluation: Evaluation, *, least_area: float) -> Splits:
-    """Find the best position for a new vertex in every triangle and on every edge.
+    """Find the best of the tried positions for a new vertex in every triangle and on every edge.
 
     - `evaluation`: the colours and errors of `mesh`.
     - `least_area`: least area of a piece of a split triangle, in square pixels.
@@ -171,7 +171,8 @@ def _peak_of_error(evaluation: Evaluation) -> SplitPoints:
     """The pixel centre with the largest error in each triangle, as split points.
 
     The error is squared and weighted (`Evaluation.error`). The result has the barycentric weights
-    of each pixel centre. In a triangle without pixels, the point is the centroid.
+    of each pixel centre; of equal errors, the last pixel counts. In a triangle without pixels, the
+    point is the centroid.
     """
     pairs, error = evaluation.pairs, evaluation.error
     has_pixels = pairs.pixel_counts > 0

@@ -30,17 +30,17 @@ _EXCHANGES: dict[ColorModel, tuple[int, float]] = {
 """For each colour model (see `colors`), the number of exchanges of `error_start`, and the fraction
 of the vertices that the first of them moves to other positions.
 
-In later exchanges the fraction falls linearly to zero."""
+In later exchanges the fraction falls linearly; it would be zero in the one after the last."""
 
 _STEPS = 3
-"""Number of Gauss-Newton steps after each exchange."""
+"""Largest number of Gauss-Newton steps after each exchange, with one colour per vertex."""
 
 _SETTLED = 3
 """Number of exchanges after which the number of triangles that meet a tile hardly changes."""
 
 _UNIFORM_DENSITY = 0.2
 """Fraction of the mean image gradient that `delaunay_start` adds to the gradient of each pixel, so
-that flat regions get points too."""
+that flat regions get points too. The gradients have been multiplied by the weights before."""
 
 
 def uniform_start(
@@ -73,9 +73,10 @@ def delaunay_start(target: Target, vertices: int, *, seed: int = 0) -> Mesh:
     """Make a Delaunay mesh of random points, which are denser where the image changes more.
 
     Points on the border are evenly spaced, and the four corners are always among them. The mesh has
-    `vertices` points, or fewer if the image has too few pixels, since at most one point lies inside
-    each pixel. Hardly any points lie where the target's weights are 0. Low-polygon filters make
-    such meshes without any fitting, so this is a baseline as well as a start.
+    `vertices` points (at least four), or fewer if the image has too few pixels, since at most one
+    inner point lies in each pixel. The change is multiplied by the target's weights. Where it is 0,
+    there are still some points (see `_UNIFORM_DENSITY`). Low-polygon filters make such meshes
+    without any fitting, so this is a baseline as well as a start.
     """
     height, width = target.image.shape[:2]
     rng = np.random.default_rng(seed)
@@ -110,18 +111,19 @@ def error_start(
 ) -> Mesh:
     """Make a mesh of `vertices` points, inserted round by round where they lower the error most.
 
-    After each round the mesh is made Delaunay, which keeps its triangles from degenerating, and
-    then edges are flipped to lower the squared error. At the end, `exchanges` rounds collapse the
-    vertices whose removal raises the squared error least, and insert as many where they lower it
-    most. With one colour per vertex, each of these rounds ends with steps of the Gauss-Newton
-    method, which move all vertices. On photographs the rounds raise the PSNR by 1 to 3 dB.
+    The first vertices are those of a uniform mesh. After each round the mesh is made Delaunay,
+    which keeps its triangles from degenerating, and then edges are flipped to lower the squared
+    error. At the end, `exchanges` rounds call `exchange`, which collapses the vertices whose
+    removal raises the squared error least, and inserts as many where they lower it most. With one
+    colour per vertex, each of these rounds ends with steps of the Gauss-Newton method, which move
+    vertices. On photographs the rounds at the end raise the PSNR by 1 to 3 dB.
 
     - `model`: the colour model (see `colors`) for which the squared error is computed.
     - `seed`: seed of the uniform mesh with which the first round begins.
     - `exchanges`: number of rounds at the end; None: 10 for one colour per vertex, otherwise 16.
     - `must_start()`: asked before each round; if it returns true, no further round begins.
-    - `has_settled(mesh)`: called once with the mesh when later rounds will hardly change how costly
-      it is to draw; not called if `must_start` ends the rounds before that.
+    - `has_settled(mesh)`: called once, after `_SETTLED` of the rounds at the end, with a mesh about
+      as costly to draw as the final one; not called if there is no round after that.
 
     The mesh has fewer vertices if no more can lower the error, or if `must_start` ends the rounds
     early. Raises `ValueError` as `uniform_start` does.

@@ -1,4 +1,4 @@
-"""Which positions and colours of a mesh do not change, by the options `freeze` and `palette`."""
+"""Find which positions and colours of a mesh must not change, because of `freeze` or `palette`."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -14,7 +14,8 @@ def free_coordinates(mesh: Mesh, request: FitRequest) -> Bool[np.ndarray, "verti
     """Whether each coordinate, x and y, of each vertex may move.
 
     A coordinate may move unless the user froze all positions or the vertex, or the vertex lies on a
-    side of the canvas that fixes this coordinate. Raises `ValueError` as `frozen_vertices` does.
+    side of the canvas that fixes this coordinate. Raises `ValueError` as `frozen_vertices` does,
+    unless all positions are frozen.
     """
     if "positions" in request.settings["freeze"]:
         return np.zeros((len(mesh.positions), 2), bool)
@@ -26,9 +27,10 @@ def frozen_colors(
 ) -> dict[str, bool | Mask]:
     """Return which colours are frozen, as the argument `masks` of `frozen.freeze`.
 
-    The result has at most one entry, `"colors"`. It is True if all colours are frozen, or a mask:
-    one boolean for each vertex if `model` is `"vertex"`, otherwise one for each triangle. Frozen
-    positions have no entry, because `MeshData.free` keeps them from moving.
+    The result has at most one entry, `"colors"`. It is True if all colours are frozen. Otherwise it
+    is a mask, true where frozen: what `frozen_vertices` returns (and raises) if `model` is
+    `"vertex"`; for the other models the user's mask of triangles, and without one there is no
+    entry. Frozen positions have no entry, because `MeshData.free` keeps them from moving.
 
     `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     """

@@ -2,7 +2,7 @@
 
 The canvas is the rectangle [0, width] x [0, height] in pixels. All triangles have positive
 orientation: the cross product (b - a) x (c - a), with x right and y down, is positive. Four
-vertices are the corners of the canvas. Vertices on a side can only slide along it.
+vertices are the corners of the canvas. Other vertices on a side can only slide along it.
 """
 
 from typing import NamedTuple
@@ -85,7 +85,8 @@ def delaunay_mesh(positions: Points, *, height: int, width: int) -> Mesh:
     """Make the Delaunay triangulation of points, which must include the corners of the canvas.
 
     Raises `ValueError` if the triangles do not tile the canvas, because a point lies outside,
-    occurs twice, or is missing at a corner.
+    occurs twice, or is missing at a corner. If there are fewer than three points, or all lie on one
+    line, SciPy raises its own error instead.
     """
     triangles = Delaunay(positions).simplices
     areas = signed_areas(positions, triangles)
@@ -109,7 +110,7 @@ def signed_areas(positions: Points, triangles: Triangles) -> Float[np.ndarray, "
 def find_edges(triangles: Triangles) -> Edges:
     """Find the edges of triangles that all have the same orientation, each edge once.
 
-    The edges are sorted by their vertices, so that equal meshes give equal tables. Raises
+    The edges are sorted by the lower of their two vertex indices, then by the higher. Raises
     `ValueError` if an edge has more than two triangles, or two that have its vertices in the same
     order.
     """
@@ -139,10 +140,10 @@ def find_edges(triangles: Triangles) -> Edges:
 def check_tiling(mesh: Mesh) -> None:
     """Raise `ValueError` unless the triangles cover the canvas once, without gap or overlap.
 
-    These conditions together suffice: all positions are finite; each vertex belongs to a triangle;
-    all areas are positive, and sum to the area of the canvas; the four corners of the canvas are
-    vertices; each edge has two triangles or lies on the border; and exactly the vertices on the
-    border are marked as bound to it.
+    These conditions together suffice: all positions are finite; each vertex belongs to a triangle,
+    and triangles have only vertices that exist; all areas are positive, and sum to the area of the
+    canvas, up to rounding; the four corners of the canvas are vertices; each edge has two triangles
+    or lies on the border; and exactly the vertices on the border are marked as bound to it.
     """
     positions, triangles = mesh.positions, mesh.triangles
     if not np.isfinite(positions).all():
@@ -177,7 +178,8 @@ def greedy_disjoint(
 
     A candidate claims the integers in its row of `claims`, such as the indices of the triangles
     that it would change. The integers are below `size`; negative ones claim nothing. Returns the
-    indices of the chosen candidates, in order of falling priority.
+    indices of the chosen candidates, in order of falling priority; of equal priorities, the lower
+    index comes first.
     """
     is_claimed = bytearray(size)
     chosen = []

@@ -2,7 +2,7 @@
 
 With `Area("sum")` the image of a tiling and its derivatives are exact, and no seams are visible. A
 triangle of reversed orientation would be drawn with negative area, which could lower the error. A
-second residual, which grows as triangles become too small, keeps the solver from reversing
+second residual, which grows as triangles become too small, makes the solver less likely to reverse
 triangles.
 """
 
@@ -34,7 +34,7 @@ class MeshUnknowns(NamedTuple):
 
     - `positions`: positions in pixels of the fit, divided by `MeshData.scale`.
     - `colors`: one colour per vertex, `[vertices, 3]`, or one or three per triangle, `[triangles, 1
-      or 3, 3]`. They are clipped to 0..1 when drawn.
+      or 3, 3]`, spare triangles included. They are clipped to 0..1 when drawn.
     """
 
     positions: Float[Array, "vertices 2"]
@@ -76,7 +76,7 @@ def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     """Make the scene of the unknowns, in pixels of the fit, with the spare triangles.
 
     Spare triangles fill up the arrays and have no area. Frozen numbers and coordinates that may not
-    move have their fixed values. Colours are clipped to 0..1, but with a derivative of 1
+    move have their fixed values. Colours are clipped to 0..1, by a clip whose derivative is 1
     everywhere.
     """
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)

@@ -16,10 +16,11 @@ def untangle(mesh: Mesh, goals: Points) -> Mesh:
     """Move the vertices towards `goals` as far as no triangle is flipped; return the moved mesh.
 
     A flipped triangle is one of reversed orientation. `goals` are positions in pixels. A coordinate
-    that a border fixes, or whose goal is NaN, stays. The other vertices stay inside the canvas.
-    Each vertex moves by a fraction 1, 1/2, 1/4, ... of the way to its goal, or not at all. The
-    fraction is halved until each triangle around the vertex has an area of at least `_LEAST_AREA`,
-    or, if it was smaller before the move, of at least its area then.
+    that a border fixes, or whose goal is NaN, stays. Other goals are first clipped to the inside of
+    the canvas, 0.001 pixels from its border. Each vertex moves by a fraction 1, 1/2, 1/4, ... of
+    the way to its goal, or not at all. In each round, the fraction is halved (after `_MAX_HALVINGS`
+    rounds: set to 0) for the corners of all triangles of less area than `_LEAST_AREA`, or than
+    before the move if that was smaller. The rounds end when there is no such triangle.
     """
     start = mesh.positions
     size = np.array([mesh.width, mesh.height], np.float64)
