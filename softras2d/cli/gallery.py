@@ -80,10 +80,11 @@ def _render_group(group: SceneGroup, samples: int) -> list[tuple[str, int, np.nd
 
 
 def _padded_scenes(group: list[Scene]) -> list[Scene]:
-    """Pad each scene to the largest numbers of triangles, vertices and texels of the group.
+    """Pad each scene to the largest numbers of triangles, vertices, texels and levels of the group.
 
-    The scenes have equal structure. The padding changes no image. The number of vertices is one
-    more, because padding triangles have all corners in a vertex outside the canvas.
+    The scenes have equal structure: the key of a group in `scene_groups`. The padding changes no
+    image. The number of vertices is one more, because padding triangles have all corners in a
+    vertex outside the canvas.
     """
     triangles = max(scene.triangles.shape[0] for scene in group)
     # The padding triangles have all three corners in one additional vertex.

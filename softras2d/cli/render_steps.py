@@ -81,7 +81,8 @@ def canvas_size(size: Size | None, file_size: tuple[int, int] | None) -> tuple[i
     """Choose the (height, width) of the canvas in pixels.
 
     - `size`: value of the option `--size`. If it has no height, its width is the length of the
-      longer side, and the aspect ratio is that of `file_size`.
+      longer side; the other side follows from the aspect ratio of `file_size`, rounded, and is at
+      least 1.
     - `file_size`: the (height, width) that the scene file declares, which is the result without
       `size`. It may be None if `size` has a height.
     """

@@ -81,7 +81,7 @@ def gather_words(
 
 
 def row_order(tiling: Tiling, xp: Any = jnp) -> Int[HostOrDeviceArray, " rows"]:
-    """Row of samples, counted from the top of the tile, that each coverage word of a tile holds.
+    """Row of samples, counted from 0 at the top of the tile, that each coverage word holds.
 
     A coverage word has one bit for each sample of a row. Words are stored sub-row by sub-row: first
     the uppermost row of samples of every row of pixels, then the second of every row of pixels, and

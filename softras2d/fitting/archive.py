@@ -149,8 +149,10 @@ def _read_array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
 def _read_header(name: str, file: Any) -> _Header:
     """Read the header of an array from `file`, an entry of the zip file, open for reading bytes.
 
-    `name`: name of the array, for the message. Raises `ValueError` for anything but an array of
-    real numbers or booleans.
+    Afterwards `file` is at the first byte of the array's data. `name`: name of the array, for the
+    message. Raises `ValueError` for anything but an array of real numbers or booleans, and for a
+    header that is not written as NumPy writes it. The caller compares the header with the directory
+    of the zip file.
     """
     start = file.read(len(_MAGIC) + 2)
     length = int.from_bytes(start[len(_MAGIC) :], "little")
@@ -161,7 +163,8 @@ def _read_header(name: str, file: Any) -> _Header:
     type_name = type_name.decode("latin-1")
     try:
         dtype = np.dtype(type_name)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, SyntaxError):
+        # NumPy parses some types, such as ",f4", with Python's parser.
         dtype = None
     if dtype is None or dtype.kind not in "biuf" or dtype.fields or dtype.subdtype:
         raise ValueError(f"`{name}` must be an array of numbers; got {_printable(type_name)!r}.")

@@ -275,6 +275,10 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`start` is a mesh of 20 x 20 pixels; the fit has 48 x 40": dict(
         family="mesh", start=mesh_of_corners(20, 20)
     ),
+    "`start` is a mesh with a position that is not finite": dict(
+        family="mesh",
+        start=mesh_of_corners(40, 48)._replace(positions=np.full((5, 2), np.inf)),
+    ),
     "`start` has 5 vertices; `triangles` allows 4": dict(
         family="mesh", start=mesh_of_corners(40, 48), triangles=2
     ),

@@ -200,6 +200,12 @@ class TestSize:
         path.write_bytes(bomb(self.HEADER % 10**9, 64))
         assert "`image` must have 4000000000 bytes" in error_of(path)
 
+    @pytest.mark.parametrize("type_name", [",f4", "08f4", "(,)f4"])
+    def test_a_type_that_numpy_cannot_parse_is_refused(self, type_name, tmp_path):
+        path = tmp_path / "type.npz"
+        path.write_bytes(bomb((self.HEADER % 16).replace("<f4", type_name), 64))
+        assert "`image` must be an array of numbers" in error_of(path)
+
     def test_a_fit_that_could_not_be_read_is_not_written(self, tmp_path, monkeypatch):
         loaded_fit = sr.FitResult.load(write_fit(tmp_path, saved("layers")))
         monkeypatch.setattr(result, "MAX_BYTES", 1000)

@@ -284,6 +284,24 @@ def test_a_callback_of_a_mesh_moves_vertices_as_far_as_no_triangle_flips():
     assert (areas > 0).all() and areas.sum() == pytest.approx(32 * 32, rel=1e-5)
 
 
+@pytest.mark.slow
+def test_a_callback_does_not_move_frozen_vertices_of_a_mesh():
+    def shift(scene, report):
+        return replace(scene, positions=scene.positions + 1.0)
+
+    frozen = np.arange(15) % 2 == 0
+    start, result = (
+        sr.fit(
+            TARGET, triangles=24, family="mesh", start="uniform", steps=steps, callback=shift,
+            freeze={"vertices": frozen},
+        )
+        for steps in (0, 8)
+    )  # fmt: skip
+    before, after = (fit.state["mesh.positions"] for fit in (start, result))
+    np.testing.assert_array_equal(after[frozen], before[frozen])
+    assert (after[~frozen] != before[~frozen]).any()
+
+
 def test_targets_of_other_types_become_images():
     bytes_of = np.round(TARGET * 255).astype(np.uint8)
     gray, mask = bytes_of[..., 0], TARGET[..., 0] > 0.5

@@ -169,7 +169,9 @@ class MeshFit(AbstractFit):
         palette. If vertices have colours, each takes that of the last corner at it in `scene`. The
         best unknowns so far are forgotten.
         """
-        mesh = untangle(self._mesh, np.asarray(scene.positions, np.float64))
+        # A coordinate whose goal is NaN stays.
+        goals = np.where(self.data.free, np.asarray(scene.positions, np.float64), np.nan)
+        mesh = untangle(self._mesh, goals)
         positions = mesh.positions.astype(np.float32) / np.asarray(self.data.scale)
         unknowns = with_frozen(self.progress.y, self.data.frozen)
         colors = np.array(unknowns.colors)
@@ -250,10 +252,10 @@ class MeshFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: move vertices back until no triangle is flipped; exchange vertices when that
-        is due and the options allow it; set the learning rate, if the solver has one that may be
-        lowered; assign colours of the palette, if there is one, from `PALETTE_START` on. `share`:
-        share of the fit that is done, 0..1.
+        In this order: move vertices back until no triangle is flipped (`_untangle`); exchange
+        vertices when that is due and the options allow it; set the learning rate, if the solver has
+        one that may be lowered; assign colours of the palette, if there is one, from
+        `PALETTE_START` on. `share`: share of the fit that is done, 0..1.
         """
         if self.progress.steps:
             self._untangle()

@@ -1,5 +1,7 @@
 """Make the mesh from which a fit starts, as the option `start` says."""
 
+import numpy as np
+
 from ..family import FitRequest
 from . import saved
 from .colors import ColorModel
@@ -50,6 +52,8 @@ def _checked(mesh: Mesh, request: FitRequest) -> Mesh:
     vertices.
     """
     height, width = request.target.image.shape[:2]
+    if not np.isfinite(mesh.positions).all():
+        raise ValueError("`start` is a mesh with a position that is not finite.")
     if (mesh.height, mesh.width) != (height, width):
         raise ValueError(
             f"`start` is a mesh of {mesh.width} x {mesh.height} pixels; the fit has "

@@ -21,7 +21,7 @@ class Textured(NamedTuple):
     """A convex polygon with a texture.
 
     - `points`, `uv`: `[n, 2]`, vertices in pixels, and their texture coordinates (u right, v down,
-      0..1 across the texture).
+      0..1 across the texture; beyond, its border texels are repeated).
     - `color`: white, with the opacity as its alpha.
     - `texture`: index in `Assets.textures`.
     - `translucent`: whether the texture has an alpha channel, or the opacity is below 1.

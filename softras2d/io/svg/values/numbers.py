@@ -166,7 +166,10 @@ def length(text: str, full: float | None, units: Mapping[str, float] | None = No
 
 
 def is_number(text: str) -> bool:
-    """Whether a text is a single number without a unit, which blanks may surround."""
+    """Whether a text is a single number of SVG without a unit, which blanks may surround.
+
+    The number may be too large for a float, as `1e999`.
+    """
     match = _LENGTH.match(text)
     return match is not None and not match[2]
 
