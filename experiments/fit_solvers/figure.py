@@ -65,7 +65,7 @@ def _draw(rows: list[dict[str, Any]], path: Path) -> None:
             panel.grid(alpha=0.3)
             if line == 1:
                 panel.set_xscale("symlog", linthresh=1)
-    axes[0][-1].legend()
+    axes[0][-1].legend(loc="lower right")
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -17,7 +17,7 @@ import jax
 
 import softras2d as sr
 from softras2d import scenes
-from softras2d.viewing.frames import frame_of
+from softras2d.viewing.frames import frames_of
 from softras2d.viewing.scene_file import ReadOptions, SceneFile
 from softras2d.viewing.scene_in_memory import SceneInMemory
 from softras2d.viewing.serve import ViewerServer
@@ -142,9 +142,9 @@ def _wait_until_compiled(session: Session) -> None:
 
 
 def _answer_bytes(session: Session, request: Mapping[str, Any]) -> int:
-    """Answer a request as the server does; returns the length of its message."""
+    """Answer a request as the server does; returns the length of its messages."""
     (reply,) = session.answer(request)
-    return len(frame_of(reply))
+    return sum(len(frame) for frame in frames_of(reply))
 
 
 def _pan(page: Page, key: str) -> float:

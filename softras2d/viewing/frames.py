@@ -1,5 +1,9 @@
 """Encodes replies for the page: packs pictures, and makes binary messages for a WebSocket.
 
+A large picture is sent in parts, so that the browser receives and unpacks one part while the next
+one is packed. The header of a part has the index `first_pixel` of its first pixel, counted row by
+row, and `is_last`. Only the header of the last part has all fields of the reply.
+
 A binary message consists of the length of the header in bytes (4 bytes, little-endian), the header
 as JSON, and the payload. Spaces after the JSON make the payload begin at a multiple of 4 bytes, so
 that a script can read its words without copying it.
@@ -8,6 +12,7 @@ that a script can read its words without copying it.
 import json
 import math
 import struct
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,11 +23,32 @@ from .session import Reply
 _LENGTH = struct.Struct("<I")
 
 
-def frame_of(reply: Reply) -> bytes:
-    """Encode a reply as one binary message, whose format the docstring of this module describes.
+_PART_PIXELS = 2**18
+"""Largest number of pixels of a part of a picture."""
 
-    A picture is packed if that saves much.
+_PART_FIELDS = ("kind", "id", "slot", "height", "width")
+"""Fields of a reply that every part of its picture has."""
+
+
+def frames_of(reply: Reply) -> Iterator[bytes]:
+    """Encode a reply as binary messages, whose format the docstring of this module describes.
+
+    A picture gives one message for each part, which is encoded when it is asked for; any other
+    reply gives one message.
     """
+    if reply.header.get("kind") != "picture":
+        yield _frame_of(reply)
+        return
+    size = len(reply.payload)
+    for start in range(0, size, 4 * _PART_PIXELS):
+        is_last = start + 4 * _PART_PIXELS >= size
+        fields = reply.header if is_last else {name: reply.header[name] for name in _PART_FIELDS}
+        header = fields | {"first_pixel": start // 4, "is_last": is_last}
+        yield _frame_of(Reply(header, reply.payload[start : start + 4 * _PART_PIXELS]))
+
+
+def _frame_of(reply: Reply) -> bytes:
+    """Encode a reply as one binary message; a picture is packed if that saves much."""
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     header = header.ljust(-(-len(header) // 4) * 4)

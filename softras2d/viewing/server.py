@@ -16,7 +16,7 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from .frames import frame_of
+from .frames import frames_of
 from .session import RANKS, Reply, Session, scalar
 from .worker import Worker
 
@@ -129,7 +129,8 @@ class _Connection:
         while True:
             await self._has_replies.wait()
             while self._replies:
-                await self._websocket.send_bytes(frame_of(self._replies.pop(0)))
+                for frame in frames_of(self._replies.pop(0)):
+                    await self._websocket.send_bytes(frame)
             self._has_replies.clear()
 
     async def _watch(self) -> None:

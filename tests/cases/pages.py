@@ -91,15 +91,19 @@ def canvas_of(page: Any, selector: str = ".sr-picture") -> np.ndarray:
 def frames_of(page: Any) -> list[tuple[dict[str, Any], bytes]]:
     """A list of (header, payload), to which each message is added that the page receives.
 
-    The pixels of pictures are unpacked.
+    The pixels of pictures are unpacked, and their parts put together.
     """
     frames: list[tuple[dict[str, Any], bytes]] = []
+    parts: list[bytes] = []
 
     def receive(frame: Any) -> None:
         if isinstance(frame, bytes):
             length = int.from_bytes(frame[:4], "little")
             header, payload = json.loads(frame[4 : 4 + length]), frame[4 + length :]
-            frames.append((header, unpacked(header, payload)))
+            parts.append(unpacked(header, payload))
+            if header.get("is_last", True):
+                frames.append((header, b"".join(parts)))
+                parts.clear()
 
     page.on("websocket", lambda opened: opened.on("framereceived", receive))
     return frames

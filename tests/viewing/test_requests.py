@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from softras2d.viewing.frames import frame_of
+from softras2d.viewing.frames import frames_of
 from softras2d.viewing.message_fields import read_fields
 from softras2d.viewing.session import Reply
 from softras2d.viewing.settings import Settings
 from softras2d.viewing.view import View, enlarged_size
 
-from ..cases.viewing import VIEW, ask, small_session
+from ..cases.viewing import VIEW, ask, small_session, unpacked
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,8 @@ def test_replies_do_not_repeat_nested_values():
         nested = [nested]
     (reply,) = ask(small_session(), "subjects", id=nested, slot={"a": nested})
     assert reply.header["id"] is None and reply.header["slot"] is None
-    assert len(frame_of(reply)) > 20
+    (frame,) = frames_of(reply)
+    assert len(frame) > 20
 
 
 @pytest.mark.parametrize("is_debugging", [False, True])
@@ -119,7 +120,29 @@ def test_widths_of_one_class_share_a_plan():
 
 def test_a_frame_holds_header_and_bytes():
     payload = np.arange(6, dtype=np.uint8).data
-    frame = frame_of(Reply({"kind": "x", "psnr": float("inf"), "list": [float("nan")]}, payload))
+    (frame,) = frames_of(
+        Reply({"kind": "x", "psnr": float("inf"), "list": [float("nan")]}, payload)
+    )
     length = int.from_bytes(frame[:4], "little")
     assert json.loads(frame[4 : 4 + length]) == {"kind": "x", "psnr": None, "list": [None]}
     assert frame[4 + length :] == bytes(range(6))
+
+
+@pytest.mark.parametrize("height", [3, 512, 700])
+def test_the_parts_of_a_picture_are_its_pixels(height):
+    pixels = np.random.default_rng(0).integers(0, 256, (height, 512, 4), np.uint8)
+    pixels[: height // 2] = 7
+    fields = {"kind": "picture", "id": 1, "slot": "a", "height": height, "width": 512}
+    frames = frames_of(Reply(fields | {"plan": "a plan"}, pixels.reshape(-1).data))
+    parts, last, first_pixel = [], False, 0
+    for frame in frames:
+        length = int.from_bytes(frame[:4], "little")
+        header = json.loads(frame[4 : 4 + length])
+        assert not last and header.items() >= fields.items()
+        assert header["first_pixel"] == first_pixel
+        parts.append(unpacked(header, frame[4 + length :]))
+        first_pixel += len(parts[-1]) // 4
+        last = header["is_last"]
+        assert last == ("plan" in header)
+    assert last and b"".join(parts) == pixels.tobytes()
+    assert len(parts) == -(-height // 512)

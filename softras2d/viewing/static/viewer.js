@@ -183,19 +183,19 @@ function numbersOf(payload, ArrayType) {
   return new ArrayType(buffer.slice(byteOffset, byteOffset + byteLength));
 }
 
-// Returns the RGBA bytes of a picture. `packed_pixels.py` describes how they are packed: after
-// the bits that say which blocks have one colour, there are `colors` such colours, then all pixels
-// of the other blocks, then the pixels after the last whole block. An array of this length that is
-// no longer used may be given, to be overwritten and returned: a new one takes longer.
-function unpackPixels({ width, height, blocks, colors }, payload, unused) {
-  if (blocks === undefined) return numbersOf(payload, Uint8ClampedArray);
-  const bitWords = Math.ceil(blocks / 32);
+// Unpacks a part of a picture, or all of it, into `pixels`, an array with one word per pixel.
+// `packed_pixels.py` describes how the pixels are packed: after the bits that say which blocks have
+// one colour, there are `colors` such colours, then all pixels of the other blocks, then the pixels
+// after the last whole block. Without `blocks`, they are not packed.
+function unpackPixels({ blocks, colors }, payload, pixels) {
   const allWords = numbersOf(payload, Uint32Array);
+  if (blocks === undefined) {
+    pixels.set(allWords);
+    return;
+  }
+  const bitWords = Math.ceil(blocks / 32);
   const bits = new Uint8Array(allWords.buffer, allWords.byteOffset, 4 * bitWords);
   const words = allWords.subarray(bitWords);
-  const pixels = unused?.byteLength === 4 * width * height
-    ? new Uint32Array(unused.buffer)
-    : new Uint32Array(width * height);
   const hasOneColor = (block) => (bits[block >> 3] >> (block & 7)) & 1;
   let [block, nextColor, nextPixel] = [0, 0, colors];
   // Each iteration unpacks a run of blocks: either blocks of one and the same colour, or blocks
@@ -218,7 +218,6 @@ function unpackPixels({ width, height, blocks, colors }, payload, unused) {
     }
   }
   pixels.set(words.subarray(nextPixel), blocks * BLOCK);
-  return new Uint8ClampedArray(pixels.buffer);
 }
 
 // ---- Helpers ----
@@ -286,8 +285,9 @@ class Viewer {
 
     // Slot "a" is the picture of the settings, and slot "b" the one that it is compared with.
     // The last picture of each slot: {canvas, rgba, view, header, id, unused}. `unused` is an array
-    // of bytes for a later picture.
+    // of words for a later picture, because a new array takes longer.
     this.pictures = {};
+    this.arriving = {}; // The picture of each slot whose parts are arriving: {id, pixels}.
     this.pictureRequests = {}; // The last request for each slot: {id, key}.
     // Of each kind of overlay, the last request as `key` and `request`, and the last reply as
     // `view`, `header` and `values`.
@@ -1108,14 +1108,24 @@ class Viewer {
     const { slot, height, width } = header;
     const previous = this.pictures[slot];
     if (header.id < this.oldestPictureId || (previous && previous.id > header.id)) return;
-    const rgba = unpackPixels(header, payload, previous?.unused);
+    if (this.arriving[slot]?.id !== header.id) {
+      const size = width * height;
+      const unused = previous?.unused;
+      const pixels = unused?.length === size ? unused : new Uint32Array(size);
+      this.arriving[slot] = { id: header.id, pixels };
+    }
+    const { pixels } = this.arriving[slot];
+    // Only the page of the server receives parts; in a notebook, a picture is one message.
+    unpackPixels(header, payload, pixels.subarray(header.first_pixel ?? 0));
+    if (header.is_last === false) return;
+    delete this.arriving[slot];
+    const rgba = new Uint8ClampedArray(pixels.buffer);
     let canvas = previous?.canvas;
     if (!canvas || canvas.width !== width || canvas.height !== height) {
       canvas = new OffscreenCanvas(width, height);
     }
     canvas.getContext("2d").putImageData(new ImageData(rgba, width, height), 0, 0);
-    // An array that is a part of a message cannot be reused.
-    const unused = previous?.header.blocks === undefined ? undefined : previous.rgba;
+    const unused = previous && new Uint32Array(previous.rgba.buffer);
     this.pictures[slot] = { canvas, rgba, view: header.view, header, id: header.id, unused };
     if (header.id === this.pictureRequests[slot]?.id) this.error = "";
     this.stillImage.hidden = true;
