@@ -289,17 +289,15 @@ def test_a_callback_does_not_move_frozen_vertices_of_a_mesh():
     def shift(scene, report):
         return replace(scene, positions=scene.positions + 1.0)
 
+    start = uniform_start(*TARGET.shape[:2], 15, jitter=0.2)
     frozen = np.arange(15) % 2 == 0
-    start, result = (
-        sr.fit(
-            TARGET, triangles=24, family="mesh", start="uniform", steps=steps, callback=shift,
-            freeze={"vertices": frozen},
-        )
-        for steps in (0, 8)
+    result = sr.fit(
+        TARGET, triangles=24, family="mesh", start=start, steps=8, callback=shift,
+        freeze={"vertices": frozen},
     )  # fmt: skip
-    before, after = (fit.state["mesh.positions"] for fit in (start, result))
-    np.testing.assert_array_equal(after[frozen], before[frozen])
-    assert (after[~frozen] != before[~frozen]).any()
+    moved = result.state["mesh.positions"]
+    np.testing.assert_allclose(moved[frozen], start.positions[frozen], atol=1e-5)
+    assert (abs(moved - start.positions)[~frozen] > 0.1).any()
 
 
 def test_targets_of_other_types_become_images():
