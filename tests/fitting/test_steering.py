@@ -289,7 +289,8 @@ def test_a_callback_does_not_move_frozen_vertices_of_a_mesh():
     def shift(scene, report):
         return replace(scene, positions=scene.positions + 1.0)
 
-    start = uniform_start(*TARGET.shape[:2], 15, jitter=0.2)
+    height, width = TARGET.shape[:2]
+    start = uniform_start(height, width, 15, jitter=0.2)
     frozen = np.arange(15) % 2 == 0
     result = sr.fit(
         TARGET, triangles=24, family="mesh", start=start, steps=8, callback=shift,
