@@ -246,11 +246,11 @@ def _refuse(is_invalid: Any, name: str, axis: str, rule: str, value: Any, batche
     """
     if is_invalid.any():
         index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
-        places = [f"scene {index[0]}"] if batched else []
-        rest = index[len(places) :]
-        places += [f"{axis} {rest[0] if len(rest) == 1 else rest}"] if rest else []
-        found = f"{', '.join(places)} has" if places else "got"
-        raise ValueError(f"`{name}` must be {rule}; {found} {np.asarray(value)[index]}.")
+        labels = [f"scene {index[0]}"] if batched else []
+        rest = index[len(labels) :]
+        labels += [f"{axis} {rest[0] if len(rest) == 1 else rest}"] if rest else []
+        entry = f"{', '.join(labels)} has" if labels else "got"
+        raise ValueError(f"`{name}` must be {rule}; {entry} {np.asarray(value)[index]}.")
 
 
 def _check_indices(triangles: Any, vertices: int) -> None:

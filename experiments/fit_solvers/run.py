@@ -36,7 +36,7 @@ STRUCTURED = "structured"
 """Name of the Gauss-Newton method for meshes (`fitting/mesh/gauss_newton.py`) in the results."""
 
 STRUCTURED_STEPS = (1, 2, 3, 5, 8, 12, 20, 30, 45, 70, 100, 150, 220, 330, 500)
-"""Numbers of steps after which its image is scored."""
+"""Numbers of steps after which the image of the structured method is scored."""
 
 ENDLESS = 100_000
 """Maximum number of steps of fits that stop when the time is up."""
@@ -45,7 +45,7 @@ ENDLESS = 100_000
 class Subject(NamedTuple):
     """What all solvers start from.
 
-    - `name`: of the panel in the figure.
+    - `name`: title of the panel in the figure.
     - `target`: the image to be fitted.
     - `options`: arguments of `fit`; its triangles are never exchanged.
     """
@@ -93,26 +93,22 @@ def rows_of(subject: Subject, solver: str, seconds: float) -> list[dict[str, Any
 def _structured(subject: Subject, seconds: float) -> list[dict[str, Any]]:
     """One row for the start and one after several numbers of steps; times exclude scoring.
 
-    It ends when the time is up, or when further steps change nothing.
+    It ends when no further step lowers the error, or before a run that exceeds the time.
     """
     start, target = subject.options["start"], Target(subject.target)
     colors = np.clip(solve_colors(start, target), 0, 1)
-    rows, last = [_structured_row(0, 0.0, start, colors, subject.target)], start
+    rows = [{"steps": 0, "seconds": 0.0, "psnr": _mesh_psnr(start, colors, subject.target)}]
     for steps in STRUCTURED_STEPS:
         began = time.perf_counter()
-        moved, changed = gauss_newton(start, target, colors, steps)
+        moved = gauss_newton(start, target, colors, steps)
         elapsed = time.perf_counter() - began
-        if elapsed > seconds or (moved.positions == last.positions).all():
+        if elapsed > seconds:
             break
-        rows.append(_structured_row(steps, elapsed, moved, changed, subject.target))
-        last = moved
+        psnr_of_mesh = _mesh_psnr(moved.mesh, moved.colors, subject.target)
+        rows.append({"steps": moved.steps, "seconds": elapsed, "psnr": psnr_of_mesh})
+        if moved.steps < steps:
+            break
     return rows
-
-
-def _structured_row(
-    steps: int, seconds: float, moved: Mesh, colors: np.ndarray, target: np.ndarray
-) -> dict[str, Any]:
-    return {"steps": steps, "seconds": seconds, "psnr": _mesh_psnr(moved, colors, target)}
 
 
 def _mesh_psnr(mesh: Mesh, colors: np.ndarray, target: np.ndarray) -> float:
@@ -173,7 +169,7 @@ def main() -> None:
         "machine": machine.record(PACKAGES),
         "precision": "float32",
         "seconds": time.perf_counter() - began,
-        "side": chosen.side,
+        "arguments": vars(chosen),
     }
     (results / "run.json").write_text(json.dumps(run, indent=1) + "\n")
     figure.publish(results, HERE / "README.md")

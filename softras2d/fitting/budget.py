@@ -16,7 +16,8 @@ At its end, a fit solves for colours if asked to, and draws and scores its resul
 MAX_START_SHARE = 0.35
 """Share of the time limit `seconds` after which the search for initial triangles ends.
 
-The fit then starts from the triangles that the search has so far."""
+The fit then starts from the triangles that the search has so far. The search for a mesh may go on
+until the fit's program is compiled (`mesh.early_program`)."""
 
 _CHUNK_SECONDS = 0.5
 """Intended duration of a chunk of steps, in seconds, if the fit has a time limit.
@@ -60,7 +61,7 @@ class Limits(NamedTuple):
     def must_start(self) -> bool:
         """Whether the share `MAX_START_SHARE` of the time limit has passed since the call began.
 
-        The search for initial triangles then ends. Always False if there is no deadline.
+        The search for initial triangles should then end. Always False if there is no deadline.
         """
         if self.deadline is None:
             return False

@@ -39,7 +39,10 @@ class FitRequest(NamedTuple):
     - `resume_state`: the saved arrays of the fit to be resumed, by name, or None for a new fit. The
       constructor reads from them only what fixes the shapes of the fit (for a mesh, the mesh
       itself); `AbstractFit.restore_family_state` restores the other values later.
-    - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `must_start()`: returns whether the search for initial triangles should end with what it has,
+      because of its time limit or of Ctrl-C. If it is only the time, the search may go on while the
+      fit waits for its program.
+    - `is_interrupted()`: returns whether Ctrl-C was pressed. No step will then be taken.
     - `early_chunk_steps`: largest number of steps of a chunk, for which a family may compile the
       program while it still makes the start; None if the fit is advanced together with others.
     - `masks`: the boolean masks of the option `freeze`, by the names `"vertices"` and
@@ -55,6 +58,7 @@ class FitRequest(NamedTuple):
     adjustable_rate: bool
     resume_state: dict[str, np.ndarray] | None
     must_start: Callable[[], bool]
+    is_interrupted: Callable[[], bool]
     early_chunk_steps: int | None
     masks: Mapping[str, Mask]
 

@@ -28,6 +28,7 @@ def make_fit(
     must_start: Callable[[], bool],
     masks: Mapping[str, Mask],
     *,
+    is_interrupted: Callable[[], bool] = lambda: False,
     is_alone: bool = False,
 ) -> AbstractFit:
     """Make a fit of the family that the settings name, before its first step.
@@ -37,7 +38,7 @@ def make_fit(
     - `frame`: the size of the fit.
     - `resume`: the result of the fit that is resumed, or None. Only what fixes the shapes of the
       fit is taken from it; `state.restore_state` restores the other values later.
-    - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `must_start()`, `is_interrupted()`: as in `FitRequest`.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
     - `is_alone`: whether no other fit is advanced together with this one.
 
@@ -58,6 +59,7 @@ def make_fit(
         adjustable_rate=is_rate_adjustable(settings["solver"]),
         resume_state=None if resume is None else resume.state,
         must_start=must_start,
+        is_interrupted=is_interrupted,
         early_chunk_steps=max_chunk_steps(solver, frame) if is_alone else None,
         masks=masks,
     )

@@ -44,7 +44,7 @@ class Task:
     The constructor takes these arguments besides `target` and `settings`:
 
     - `resume`: the result of the fit that is resumed, whose state is restored; None for a new fit.
-    - `must_start()`: returns whether the search for initial triangles must end with what it has.
+    - `must_start()`, `is_interrupted()`: as in `FitRequest`.
     - `masks`: the masks of the option `freeze`, by the names `"vertices"` and `"triangles"`.
     - `is_alone`: whether no other fit is advanced together with this one.
     """
@@ -57,14 +57,16 @@ class Task:
         must_start: Callable[[], bool] = lambda: False,
         masks: Mapping[str, Mask] = MappingProxyType({}),
         *,
+        is_interrupted: Callable[[], bool] = lambda: False,
         is_alone: bool = False,
     ):
         self.target, self.settings = target, settings
         height, width = target.image.shape[:2]
         self.frame = Frame.of(height, width, settings)
         self.fit = make_fit(
-            target, settings, self.frame, resume, must_start, masks, is_alone=is_alone
-        )
+            target, settings, self.frame, resume, must_start, masks,
+            is_interrupted=is_interrupted, is_alone=is_alone,
+        )  # fmt: skip
         start = settings["start"]
         self._earlier = start if resume is None else resume.scene
         self.history: list[Record] = [] if resume is None else list(resume.history)

@@ -22,9 +22,11 @@ from .session import Reply
 
 _LENGTH = struct.Struct("<I")
 
-
 _PART_PIXELS = 2**18
-"""Largest number of pixels of a part of a picture."""
+"""Largest number of pixels of a part of a picture.
+
+A part of a mebibyte takes the browser a few milliseconds, so that a picture of a large window has
+several, and few enough that the headers do not matter."""
 
 _PART_FIELDS = ("kind", "id", "slot", "height", "width")
 """Fields of a reply that every part of its picture has."""
@@ -40,6 +42,7 @@ def frames_of(reply: Reply) -> Iterator[bytes]:
         yield _frame_of(reply)
         return
     size = len(reply.payload)
+    assert size, "a view has at least one pixel"
     for start in range(0, size, 4 * _PART_PIXELS):
         is_last = start + 4 * _PART_PIXELS >= size
         fields = reply.header if is_last else {name: reply.header[name] for name in _PART_FIELDS}
@@ -48,7 +51,7 @@ def frames_of(reply: Reply) -> Iterator[bytes]:
 
 
 def _frame_of(reply: Reply) -> bytes:
-    """Encode a reply as one binary message; a picture is packed if that saves much."""
+    """Encode a reply as one binary message; a part of a picture is packed if that saves much."""
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     header = header.ljust(-(-len(header) // 4) * 4)
@@ -58,8 +61,9 @@ def _frame_of(reply: Reply) -> bytes:
 def with_packed_picture(reply: Reply) -> Reply:
     """Pack the pixels of a reply of kind `"picture"` if that saves much.
 
-    The header of the result then also has `blocks`, the number of blocks, and `colors`, the number
-    of blocks of a single colour (see `PackedPixels`). Otherwise, and for a reply of another kind,
+    The payload may be a whole picture or a part of it. The header of the result then also has
+    `blocks`, the number of blocks in the payload, and `colors`, the number of these with a single
+    colour (see `PackedPixels`). Otherwise, and for a reply of another kind,
     the reply is returned unchanged.
     """
     if reply.header.get("kind") != "picture":

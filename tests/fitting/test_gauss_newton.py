@@ -1,5 +1,8 @@
 """Gauss-Newton steps of a mesh, against a slow image and finite differences of it."""
 
+import signal
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,7 +10,7 @@ import softras2d as sr
 from softras2d.fitting import chunk
 from softras2d.fitting.mesh import early_program
 from softras2d.fitting.mesh import gauss_newton as module
-from softras2d.fitting.mesh.gauss_newton import gauss_newton
+from softras2d.fitting.mesh.gauss_newton import gauss_newton, move_vertices
 from softras2d.fitting.mesh.start import uniform_start
 from softras2d.fitting.mesh.triangulation import check_tiling, is_bound
 from softras2d.fitting.target import Target
@@ -103,7 +106,7 @@ def test_a_step_solves_the_damped_equations(problem, monkeypatch):
     layout = module._layout(mesh)
     monkeypatch.setattr(module, "_MAX_ITERATIONS", 1000)
     monkeypatch.setattr(module, "_TOLERANCE", 1e-12)
-    change = module._solve(mesh, layout, gradient, blocks, 0.1)
+    change = module._solve(layout, gradient, module._add_blocks(layout, blocks), 0.1)
     matrix = dense_matrix(mesh, blocks, layout.is_fixed)
     ridge = np.tile([module._COLOR_RIDGE] * 3 + [module._POSITION_RIDGE] * 2, len(colors))
     matrix += np.diag(0.1 * np.diag(matrix) + ridge)
@@ -116,7 +119,7 @@ def test_steps_lower_the_error_and_keep_the_tiling(problem):
     mesh, colors, target, _ = problem
     errors = []
     for steps in range(6):
-        moved, changed = gauss_newton(mesh, target, colors, steps)
+        moved, changed, _ = gauss_newton(mesh, target, colors, steps)
         check_tiling(moved)
         assert changed.min() >= 0 and changed.max() <= 1
         bound = is_bound(mesh)
@@ -135,7 +138,7 @@ def test_a_displaced_mesh_returns(monkeypatch):
     offsets = np.where(is_bound(true), 0.0, rng.uniform(-0.4, 0.4, (12, 2)))
     start = true._replace(positions=true.positions + offsets)
     check_tiling(start)
-    returned, returned_colors = gauss_newton(start, target, np.full((12, 3), 0.5), 60)
+    returned, returned_colors, _ = gauss_newton(start, target, np.full((12, 3), 0.5), 60)
     np.testing.assert_allclose(returned.positions, true.positions, atol=0.02)
     np.testing.assert_allclose(returned_colors, colors, atol=0.01)
 
@@ -143,7 +146,7 @@ def test_a_displaced_mesh_returns(monkeypatch):
 def test_an_image_of_one_color_moves_nothing():
     mesh = uniform_start(HEIGHT, WIDTH, 12, jitter=0.2)
     colors = np.full((12, 3), 0.25)
-    moved, changed = gauss_newton(mesh, Target(np.full((HEIGHT, WIDTH, 3), 0.25)), colors, 5)
+    moved, changed, _ = gauss_newton(mesh, Target(np.full((HEIGHT, WIDTH, 3), 0.25)), colors, 5)
     np.testing.assert_array_equal(moved.positions, mesh.positions)
     np.testing.assert_array_equal(changed, colors)
 
@@ -170,3 +173,61 @@ def test_the_program_of_an_early_mesh_takes_the_steps(monkeypatch):
     assert options["steps"] == 0
     assert all(later is residual for later, _ in used)
     assert {later["max_steps"] for _, later in used} == {options["max_steps"]}
+
+
+def test_pixels_of_weight_zero_do_not_count():
+    mesh = uniform_start(HEIGHT, WIDTH, 20, jitter=0.2, seed=3)
+    rng = np.random.default_rng(5)
+    image = rng.random((HEIGHT, WIDTH, 3))
+    weights = np.where(np.arange(WIDTH) < WIDTH // 2, 1.0, 0.0) * np.ones((HEIGHT, 1))
+    colors = np.full((20, 3), 0.5)
+    other = np.where(weights[..., None] > 0, image, 1 - image)
+    one, two = (gauss_newton(mesh, Target(pixels, weights), colors, 4) for pixels in (image, other))
+    np.testing.assert_array_equal(one.mesh.positions, two.mesh.positions)
+    np.testing.assert_array_equal(one.colors, two.colors)
+    nothing = gauss_newton(mesh, Target(image, 0 * weights), colors, 4)
+    assert nothing.steps == 0
+    np.testing.assert_array_equal(nothing.mesh.positions, mesh.positions)
+
+
+def test_steps_end_when_they_must():
+    mesh = uniform_start(HEIGHT, WIDTH, 20, jitter=0.2, seed=3)
+    target = Target(np.random.default_rng(6).random((HEIGHT, WIDTH, 3)))
+    looks = iter([False, False, True])
+    assert gauss_newton(mesh, target, np.full((20, 3), 0.5), 9, lambda: next(looks)).steps == 2
+    assert move_vertices(mesh, target, 9, lambda: True) is mesh
+
+
+def test_the_error_of_an_early_program_is_raised(monkeypatch):
+    def fail(*arguments, **options):
+        raise ValueError("a mistake")
+
+    monkeypatch.setattr(early_program, "begin", fail)
+    target = np.random.default_rng(0).random((24, 32, 3)).astype(np.float32)
+    with pytest.raises(ValueError, match="a mistake"):
+        sr.fit(target, triangles=20, family="mesh", steps=3)
+
+
+def test_after_ctrl_c_no_program_is_waited_for(monkeypatch):
+    """The program is compiled for ever, so that waiting for it would never end."""
+    begun, released = threading.Event(), threading.Event()
+
+    def compile_for_ever(self, mesh):
+        begun.set()
+        released.wait()
+
+    def press(self, mesh):
+        compile_for(self, mesh)
+        begun.wait()
+        signal.raise_signal(signal.SIGINT)
+
+    compile_for = early_program.EarlyProgram.compile_for
+    monkeypatch.setattr(early_program.EarlyProgram, "_compile", compile_for_ever)
+    monkeypatch.setattr(early_program.EarlyProgram, "compile_for", press)
+    target = np.random.default_rng(0).random((24, 32, 3)).astype(np.float32)
+    try:
+        result = sr.fit(target, triangles=20, family="mesh", seconds=60)
+    finally:
+        released.set()
+    assert result.interrupted
+    assert not result.history

@@ -10,12 +10,12 @@ from softras2d.io.image_errors import reason_text
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        ('Could not open "/tmp/a/image" as PNG\nline 2', " (Could not open it as PNG)"),
-        ("/tmp/a/image is not a FITS file.", " (it is not a FITS file)"),
-        ("EXR Error (/tmp/a/image): no header", " (EXR Error: no header)"),
+        ('Could not open "folder/image" as PNG\nline 2', " (Could not open it as PNG)"),
+        ("folder/image is not a FITS file.", " (it is not a FITS file)"),
+        ("EXR Error (folder/image): no header", " (EXR Error: no header)"),
         ("corrupt image data", " (corrupt image data)"),
         (" \n", ""),
     ],
 )
 def test_only_the_path_is_replaced(message, reason):
-    assert reason_text(message, Path("/tmp/a/image")) == reason
+    assert reason_text(message, Path("folder/image")) == reason

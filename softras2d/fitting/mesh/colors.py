@@ -120,7 +120,7 @@ def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorM
     if model == "vertex":
         guess = _pixels_at(image, mesh.positions)
         rhs = (
-            _sum_by_vertex(mesh.triangles, moments.weighted_target, len(mesh.positions))
+            sum_by_vertex(mesh.triangles, moments.weighted_target, len(mesh.positions))
             + RIDGE * guess
         )
         return splu(normal_matrix(mesh, moments), permc_spec="MMD_AT_PLUS_A").solve(rhs)
@@ -156,7 +156,7 @@ def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
     return csc_array(coo_array((entries, (rows, columns)), shape=(count, count)))
 
 
-def _sum_by_vertex(
+def sum_by_vertex(
     triangles: Triangles, values: CornerColors, count: int
 ) -> Float[np.ndarray, "vertices channels"]:
     """Sum `values`, one vector for each corner of a triangle, over the corners at each vertex.

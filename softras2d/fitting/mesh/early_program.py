@@ -2,7 +2,9 @@
 
 The search for a start runs on one core for several seconds, and so does the compiler. The program
 is compiled for a mesh of the search. The final mesh costs about as much to draw, and has arrays of
-the same shapes. If an exchange leaves it with fewer vertices, the program is compiled again.
+the same shapes. The program is compiled again if an exchange leaves the mesh with fewer vertices,
+if the mesh outgrows the plan, or if the caller has changed settings of JAX for its thread alone, as
+by `jax.default_device`: another thread does not see them.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -33,7 +35,8 @@ class EarlyProgram:
     def compile_for(self, mesh: Mesh) -> None:
         """Begin to compile the program for a mesh in another thread, and return at once.
 
-        Does nothing if `early_chunk_steps` of the request is None.
+        Does nothing if `early_chunk_steps` of the request is None. Python does not exit before the
+        thread has ended, because XLA must not be ended while it compiles.
         """
         if self._request.early_chunk_steps is not None:
             pool = ThreadPoolExecutor(1)
@@ -47,11 +50,14 @@ class EarlyProgram:
     def residual(self) -> MeshResidual | None:
         """Wait for the program, and return its residual; None if no compilation was begun.
 
-        Raises the error of the other thread if the compilation failed. The final mesh may outgrow
-        the residual's plan. The plan is then replaced at the first chunk of steps, as at any other
-        (`chunk.advance_fits`).
+        After Ctrl-C it does not wait, since no step will be taken, and returns None if the program
+        is not compiled yet. Raises the error of the other thread if the compilation failed. The
+        final mesh may outgrow the residual's plan. The plan is then replaced at the first chunk of
+        steps, as at any other (`chunk.advance_fits`).
         """
-        return None if self._residual is None else self._residual.result()
+        if self._residual is None or (self._request.is_interrupted() and self.is_compiling()):
+            return None
+        return self._residual.result()
 
     def _compile(self, mesh: Mesh) -> MeshResidual:
         """Compile the programs that begin a solve and take its steps; return their residual."""

@@ -18,6 +18,7 @@ functions with adjustable nodes in one and two dimensions* (Math. Comp. 62, 1994
 for the damping; Hestenes and Stiefel (1952) for conjugate gradients.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from scipy.sparse import bsr_array
 
 from ...geometry.vectors import cross
 from ..target import Target
-from .colors import solve_colors
+from .colors import color_moments, interpolate, solve_colors, sum_by_vertex
 from .pixel_weights import PixelWeights, pixel_weights
 from .triangulation import Mesh
 from .untangle import untangle
@@ -63,6 +64,9 @@ _FEW_PIXELS = 60.0
 
 A mesh with larger triangles is drawn with one sample per pixel, at its centre."""
 
+VertexColors = Float[np.ndarray, "vertices 3"]
+"""The RGB colour of each vertex."""
+
 VertexValues = Float[np.ndarray, "vertices 5"]
 """A number for each unknown of each vertex, in the order red, green, blue, x, y."""
 
@@ -72,37 +76,55 @@ class _Drawing(NamedTuple):
 
     - `pairs`: all pairs of a triangle and a sample in it, with the index of the sample as `pixel`.
     - `pixel`: index of the pixel of each pair's sample, row * width + column.
-    - `share`: weight of each pair: the weight of the error of its pixel, divided by the number of
-      samples per pixel. One number for all pairs if the target has no weights.
+    - `samples_per_pixel`: number of samples of each pixel.
     - `residual`: the target minus the image, for each channel and pixel, not weighted.
+    - `error_weights`: the weight of the error of each pixel; None: all are 1.
     - `error`: squared error, weighted and summed over pixels and channels.
     """
 
     pairs: PixelWeights
     pixel: Int[np.ndarray, " pairs"]
-    share: Float[np.ndarray, " pairs"] | float
+    samples_per_pixel: int
     residual: Float[np.ndarray, "channels pixels"]
+    error_weights: Float[np.ndarray, " pixels"] | None
     error: float
 
 
-def move_vertices(mesh: Mesh, target: Target, steps: int) -> Mesh:
+class Moved(NamedTuple):
+    """The result of `gauss_newton`.
+
+    - `mesh`: the mesh with moved vertices.
+    - `colors`: one RGB colour per vertex, in 0..1.
+    - `steps`: number of steps that were taken.
+    """
+
+    mesh: Mesh
+    colors: VertexColors
+    steps: int
+
+
+def move_vertices(
+    mesh: Mesh, target: Target, steps: int, must_stop: Callable[[], bool] = lambda: False
+) -> Mesh:
     """Move the vertices by up to `steps` steps of `gauss_newton`; return the moved mesh.
 
-    The steps begin with the colours of least squared error, clipped to 0..1.
-
-    `mesh`, `target`: in pixels of the fit; the target has three channels.
+    The steps begin with the colours of least squared error, clipped to 0..1. The arguments are
+    those of `gauss_newton`.
     """
+    if must_stop():
+        return mesh
     colors = np.clip(solve_colors(mesh, target), 0.0, 1.0)
-    return gauss_newton(mesh, target, colors, steps)[0]
+    return gauss_newton(mesh, target, colors, steps, must_stop).mesh
 
 
 def gauss_newton(
     mesh: Mesh,
     target: Target,
-    colors: Float[np.ndarray, "vertices channels"],
+    colors: VertexColors,
     steps: int,
-) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
-    """Lower the squared error by up to `steps` steps; return the moved mesh and its new colours.
+    must_stop: Callable[[], bool] = lambda: False,
+) -> Moved:
+    """Lower the squared error by up to `steps` steps that move vertices and change their colours.
 
     Each step lowers the error: one that does not is tried again with more damping, which shortens
     it. The steps end early if no step lowers the error, however it is damped. No triangle is
@@ -110,31 +132,31 @@ def gauss_newton(
 
     - `mesh`, `target`: in pixels of the fit; the target has three channels.
     - `colors`: one RGB colour per vertex, in 0..1.
+    - `must_stop()`: asked before each step; if it returns true, no further step begins.
     """
     layout = _layout(mesh)
     drawing = _draw(mesh, target, colors)
     damping = _FIRST_DAMPING
-    for _ in range(steps):
+    for step in range(steps):
+        if must_stop():
+            return Moved(mesh, colors, step)
         gradient, blocks = _normal_equations(mesh, colors, drawing)
+        entries = _add_blocks(layout, blocks)
         while True:
-            change = _solve(mesh, layout, gradient, blocks, damping)
-            moved, changed = _apply(mesh, colors, change)
-            after = _draw(moved, target, changed)
-            if after.error < drawing.error:
+            change = _solve(layout, gradient, entries, damping)
+            new_mesh, new_colors = _apply(mesh, colors, change)
+            new_drawing = _draw(new_mesh, target, new_colors)
+            if new_drawing.error < drawing.error:
                 break
             damping *= _DAMPING_FACTORS[1]
             if damping > _MOST_DAMPING:
-                return mesh, colors
-        mesh, colors, drawing = moved, changed, after
+                return Moved(mesh, colors, step)
+        mesh, colors, drawing = new_mesh, new_colors, new_drawing
         damping = max(_LEAST_DAMPING, damping * _DAMPING_FACTORS[0])
-    return mesh, colors
+    return Moved(mesh, colors, steps)
 
 
-def _draw(
-    mesh: Mesh,
-    target: Target,
-    colors: Float[np.ndarray, "vertices channels"],
-) -> _Drawing:
+def _draw(mesh: Mesh, target: Target, colors: VertexColors) -> _Drawing:
     """Draw a mesh with one sample per pixel, or with 2 x 2, and compare it with the target.
 
     `_FEW_PIXELS` decides the number of samples.
@@ -147,24 +169,17 @@ def _draw(
     )
     row, column = np.divmod(pairs.pixel, width * side)
     pixel = row // side * width + column // side
-    corner_colors = colors[mesh.triangles].transpose(2, 1, 0)
-    counts = pairs.pixel_counts
     residual = image.reshape(-1, channels).T.astype(np.float64)
-    for channel in range(channels):
-        values = sum(
-            weight * np.repeat(corner, counts)
-            for weight, corner in zip(pairs.weights, corner_colors[channel], strict=True)
-        )
+    for channel, values in enumerate(interpolate(pairs, colors[mesh.triangles])):
         residual[channel] -= np.bincount(pixel, values, height * width) / side**2
-    if weights is None:
-        return _Drawing(pairs, pixel, 1 / side**2, residual, float((residual**2).sum()))
-    error_weights = weights.reshape(-1).astype(np.float64)
-    share = error_weights[pixel] / side**2
-    return _Drawing(pairs, pixel, share, residual, float((residual**2 @ error_weights).sum()))
+    squares = (residual**2).sum(0)
+    error_weights = None if weights is None else weights.reshape(-1).astype(np.float64)
+    error = squares.sum() if error_weights is None else squares @ error_weights
+    return _Drawing(pairs, pixel, side**2, residual, error_weights, float(error))
 
 
 def _normal_equations(
-    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"], drawing: _Drawing
+    mesh: Mesh, colors: VertexColors, drawing: _Drawing
 ) -> tuple[VertexValues, Float[np.ndarray, "triangles 3 3 5 5"]]:
     """Compute the right-hand side and the matrix of the normal equations.
 
@@ -173,31 +188,22 @@ def _normal_equations(
     in the same order, are still to be added. The module says how the matrix differs from the exact
     one.
     """
-    pairs, triangles = drawing.pairs, mesh.triangles
-    shared = pairs.weights * drawing.share
-    hats = np.empty((len(triangles), 3, 3))
-    for i in range(3):
-        for j in range(i + 1):
-            hats[:, i, j] = hats[:, j, i] = pairs.sum_by_triangle(shared[i] * pairs.weights[j])
-    products = np.empty((len(triangles), 3, 3))
-    for channel, residual in enumerate(drawing.residual):
-        products[:, :, channel] = pairs.sum_by_triangle(shared * residual[drawing.pixel]).T
+    pixel, weights = drawing.pixel, drawing.error_weights
+    moments = color_moments(
+        drawing.pairs, drawing.residual[:, pixel], None if weights is None else weights[pixel]
+    )
     # What a unit change of each unknown, times the hat function, changes in each channel.
-    effect = np.zeros((len(triangles), 3, _UNKNOWNS))
+    effect = np.zeros((len(mesh.triangles), 3, _UNKNOWNS))
     effect[:, :, :3] = np.eye(3)
     effect[:, :, 3:] = -_color_gradients(mesh, colors)
-    blocks = np.einsum("tij,tca,tcb->tijab", hats, effect, effect, optimize=True)
-    by_corner = (products @ effect).reshape(-1, _UNKNOWNS)
-    corner = triangles.ravel()
-    gradient = np.stack(
-        [np.bincount(corner, column, len(mesh.positions)) for column in by_corner.T], 1
-    )
-    return gradient, blocks
+    blocks = np.einsum("tij,tca,tcb->tijab", moments.matrix, effect, effect, optimize=True)
+    # The target of these moments is the residual.
+    by_corner = moments.weighted_target @ effect
+    gradient = sum_by_vertex(mesh.triangles, by_corner, len(mesh.positions))
+    return gradient / drawing.samples_per_pixel, blocks / drawing.samples_per_pixel
 
 
-def _color_gradients(
-    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"]
-) -> Float[np.ndarray, "triangles channels 2"]:
+def _color_gradients(mesh: Mesh, colors: VertexColors) -> Float[np.ndarray, "triangles channels 2"]:
     """Derivative of each triangle's colour with respect to x and y, per pixel."""
     a, b, c = mesh.positions[mesh.triangles].transpose(1, 0, 2)
     ab, ac = b - a, c - a
@@ -240,31 +246,39 @@ def _layout(mesh: Mesh) -> _Layout:
     return _Layout(order, starts, row, column, is_fixed)
 
 
+def _add_blocks(
+    layout: _Layout, blocks: Float[np.ndarray, "triangles 3 3 5 5"]
+) -> Float[np.ndarray, "entries 5 5"]:
+    """Add the blocks of all triangles to the entries of the matrix; zero for fixed unknowns."""
+    sorted_blocks = blocks.reshape(-1, _UNKNOWNS, _UNKNOWNS)[layout.order]
+    entries = np.add.reduceat(sorted_blocks, layout.starts, axis=0)
+    is_fixed = layout.is_fixed
+    return entries * (~is_fixed[layout.row][:, :, None] & ~is_fixed[layout.column][:, None, :])
+
+
 def _solve(
-    mesh: Mesh,
     layout: _Layout,
     gradient: VertexValues,
-    blocks: Float[np.ndarray, "triangles 3 3 5 5"],
+    entries: Float[np.ndarray, "entries 5 5"],
     damping: float,
 ) -> VertexValues:
     """Solve the damped normal equations for the change of each unknown; of fixed ones it is 0.
 
     The solution is approximate (see `_conjugate_gradients`).
 
-    - `gradient`, `blocks`: the right-hand side and the matrix, as `_normal_equations` returns them.
+    - `gradient`: the right-hand side.
+    - `entries`: the entries of the matrix without damping.
     - `damping`: fraction of each diagonal entry that is added to the entry.
     """
-    order, starts, row, column, is_fixed = layout
-    entries = np.add.reduceat(blocks.reshape(-1, _UNKNOWNS, _UNKNOWNS)[order], starts, axis=0)
-    entries *= ~is_fixed[row][:, :, None] & ~is_fixed[column][:, None, :]
-    diagonal = np.flatnonzero(row == column)
+    is_fixed, entries = layout.is_fixed, entries.copy()
+    diagonal = np.flatnonzero(layout.row == layout.column)
     numbers = np.arange(_UNKNOWNS)
     ridge = np.array([_COLOR_RIDGE] * 3 + [_POSITION_RIDGE] * 2)
     added = damping * entries[diagonal][:, numbers, numbers] + ridge
     entries[diagonal[:, None], numbers, numbers] += np.where(is_fixed, 1.0, added)
-    first = np.searchsorted(row, np.arange(len(mesh.positions) + 1))
+    row_starts = np.searchsorted(layout.row, np.arange(len(is_fixed) + 1))
     size = is_fixed.size
-    matrix = bsr_array((entries, column, first), shape=(size, size))
+    matrix = bsr_array((entries, layout.column, row_starts), shape=(size, size))
     return _conjugate_gradients(
         matrix, np.linalg.inv(entries[diagonal]), np.where(is_fixed, 0.0, gradient)
     )
@@ -288,19 +302,17 @@ def _conjugate_gradients(
     for _ in range(_MAX_ITERATIONS):
         if product <= _TOLERANCE**2 * first_product:
             break
-        image = (matrix @ direction.ravel()).reshape(direction.shape)
-        length = product / (direction * image).sum()
-        solution += length * direction
-        residual -= length * image
+        matrix_direction = (matrix @ direction.ravel()).reshape(direction.shape)
+        step_length = product / (direction * matrix_direction).sum()
+        solution += step_length * direction
+        residual -= step_length * matrix_direction
         preconditioned = np.einsum("vij,vj->vi", preconditioner, residual)
-        last, product = product, (residual * preconditioned).sum()
-        direction = preconditioned + product / last * direction
+        previous_product, product = product, (residual * preconditioned).sum()
+        direction = preconditioned + product / previous_product * direction
     return solution
 
 
-def _apply(
-    mesh: Mesh, colors: Float[np.ndarray, "vertices channels"], change: VertexValues
-) -> tuple[Mesh, Float[np.ndarray, "vertices channels"]]:
+def _apply(mesh: Mesh, colors: VertexColors, change: VertexValues) -> tuple[Mesh, VertexColors]:
     """Return the mesh and its colours after a change of both.
 
     Vertices move by at most `_LONGEST_MOVE` along each axis, and only as far as no triangle is

@@ -36,7 +36,10 @@ def initial_mesh(request: FitRequest, model: ColorModel, early: EarlyProgram) ->
         )
 
     def must_start() -> bool:
-        # No step can be taken before the program is compiled, so the start may as well improve.
+        # No step can be taken before the program is compiled, so the start may as well improve,
+        # unless no step will be taken at all.
+        if request.is_interrupted():
+            return True
         return request.must_start() and not early.is_compiling()
 
     return error_start(

@@ -121,7 +121,8 @@ def error_start(
     - `model`: the colour model (see `colors`) for which the squared error is computed.
     - `seed`: seed of the uniform mesh with which the first round begins.
     - `exchanges`: number of rounds at the end; None: 10 for one colour per vertex, otherwise 16.
-    - `must_start()`: asked before each round; if it returns true, no further round begins.
+    - `must_start()`: asked before each round, and in a round before each Gauss-Newton step; if it
+      returns true, no further one begins.
     - `has_settled(mesh)`: called once, after `_SETTLED` of the rounds at the end, with a mesh about
       as costly to draw as the final one; not called if there is no round after that.
 
@@ -147,5 +148,5 @@ def error_start(
             has_settled(mesh)
         mesh = exchange(mesh, target, int(fraction * vertices), model=model)
         if model == "vertex":
-            mesh = move_vertices(mesh, target, _STEPS)
+            mesh = move_vertices(mesh, target, _STEPS, must_start)
     return flip_edges(mesh, target, model=model)
