@@ -152,7 +152,7 @@ def test_invalid_random_states_are_refused(text, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("alpha", [-1.6e19, -1e-6, 1.1])
+@pytest.mark.parametrize("alpha", [-1.6e19, -1e-6, -1e-35, 1.1])
 def test_a_background_whose_alpha_is_out_of_range_is_refused(alpha, tmp_path):
     arrays = saved("glass")
     background = np.array([0.5, 0.5, 0.5, alpha], np.float32)

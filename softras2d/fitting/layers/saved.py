@@ -91,7 +91,7 @@ def check_layers_state(
     entries.finite("beyond", np.float64, (), low=0.0)
     entries.finite("width", np.float32, (), low=TINY, high=64.0)
     background = entries.finite("background", np.float32, (size.channels,))
-    if not (np.abs(background[3:] - 0.5) <= 0.5).all():
+    if not ((background[3:] >= 0) & (background[3:] <= 1)).all():
         name = entries.full_name("background")
         raise ValueError(f"the alpha of `{name}` must be in 0..1; got {background[3]}.")
     random = entries.full_name("random")
