@@ -18,12 +18,12 @@ class Size(NamedTuple):
 
 
 class Entries:
-    """The arrays of a saved fit, by name, each of which is checked and removed once.
+    """The arrays of a saved fit, from which a reader takes one after another, checked, by name.
 
-    After all arrays have been taken, `end` raises an error if others are left, because no fit has
-    them.
+    No array can be taken twice. When the reader has taken all that it knows, `end` raises an error
+    if any are left, because the arrays of a valid fit are known.
 
-    - `arrays`: the arrays by name. The dictionary itself is not changed.
+    - `arrays`: the arrays by name. The entries are taken from a copy of this dictionary.
     - `prefix`: text before the names in error messages, such as `"state."`.
     """
 

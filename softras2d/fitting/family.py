@@ -3,7 +3,9 @@
 A fit alternates between two kinds of work. A *chunk* of solver steps runs as one compiled program
 and changes only the *unknowns*: positions, colours and perhaps opacities. Between chunks, the
 family does on the host what a solver cannot do: it adds triangles, moves triangles to where the
-error is, or repairs a mesh. `loop.run` calls the methods below for both kinds of work.
+error is, or repairs a mesh. `chunk.py` runs the chunks, and calls `replan` if a scene has outgrown
+its plan. `loop.run` calls `refine` between chunks. `task.Task` calls the other methods: at the
+start, at the end, for a user's `callback`, and to save and restore.
 
 To add a family, write a subclass of `AbstractFit`, and add a row to `traits.TRAITS` and to
 `families.FAMILIES`.

@@ -212,10 +212,10 @@ def _fit_to_the_end(
 ) -> FitResult:
     """Run a fit to its limits, solve for colours if the settings ask for it, and make the result.
 
-    If Ctrl-C was pressed, colours are not solved for. With a `callback`, they are not solved for at
-    the size of the target. After the first Ctrl-C, the result so far is written to `checkpoint`, if
-    there is one, and returned. After the second, an unscored result is written there, and
-    `KeyboardInterrupt` is raised.
+    If Ctrl-C was pressed, colours are not solved for. With a `callback`, they are solved for only
+    at the size of the fit, not again at the size of the target. After the first Ctrl-C, the result
+    so far is written to `checkpoint`, if there is one, and returned. After the second, an unscored
+    result is written there, and `KeyboardInterrupt` is raised.
     """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)

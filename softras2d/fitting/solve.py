@@ -72,7 +72,7 @@ class Chunk(NamedTuple):
 def begin(solver: Solver, residual: Residual, y: Any, args: Any) -> Progress:
     """Begin a solve, which is a run of an optimizer from the unknowns `y`, without taking a step.
 
-    - `residual`: the function to be minimised, see `Residual`.
+    - `residual`: a scalar loss, or residuals whose sum of squares is the loss, see `Residual`.
     - `args`: the second argument of `residual`, its data.
     """
     return Progress(y, _begin(solver, residual, y, args), 0)
@@ -341,8 +341,9 @@ def _take_steps(
 ) -> tuple[Any, Any, Array, tuple[Any, Any]]:
     """Take steps of one solve; return `(y, arrays, losses, (last, each))` after them.
 
-    `y` are the unknowns, and `losses` has the loss of each step. `last` and `each` are what
-    `residual` returns (see `Residual`): `last` at the last step, and `each` at every step.
+    `y` are the unknowns, and `losses` has the loss of each step. Besides the loss, `residual`
+    returns a pair (see `Residual`): `last` is its first part, from the last step, and `each` its
+    second part, from every step.
 
     - `arrays`, `static`: the arrays and the other leaves of the solver's state, as `eqx.partition`
       returns them.

@@ -86,9 +86,9 @@ class Grid(NamedTuple):
 def to_grid(pixels: HostOrDeviceArray, grid: Grid, axis: int) -> HostOrDeviceArray:
     """Convert coordinates from pixels to whole grid units of 2^-bits pixel, as int32.
 
-    Both count from the canvas's upper left. Coordinates are first clamped to the guard band, and
-    then rounded, halves to even. They must not be NaN. `axis` says which coordinates `pixels`
-    holds: 0 for x, 1 for y.
+    Pixels and grid units count from the canvas's upper left. Coordinates are first clamped to the
+    guard band, and then rounded, halves to even. They must not be NaN. `axis` says which
+    coordinates `pixels` holds: 0 for x, 1 for y.
     """
     xp = pixels.__array_namespace__()
     low, high = (limits[axis] for limits in grid.guard)

@@ -1,4 +1,4 @@
-"""The grids of vertices and samples, and edge functions that are exact in 32-bit integers.
+"""The grids of vertices and samples, the fill rule, and edge functions in exact integers.
 
 A coordinate v in pixels is snapped to the integer n = round(v 2^k). The number k of fractional
 bits, `Grid.bits`, depends on the size of the canvas and not on the number of samples. Every
@@ -21,7 +21,7 @@ is negative at the same samples as the edge function, and steps by integers belo
 remainder of the division is the same at all samples of the image. The integer e(i, j) is the *edge
 value* at sample (i, j), in units of 1 / (S 2^k) square pixels. The offset may need 43 bits. It is
 kept modulo 2^32 beside a float32 estimate with an error below 2^20, as a `WrappedValue`, which
-recovers the sign and the value from these two numbers.
+recovers the sign and the value from them. A sample is covered if none of its edge values is < 0.
 
 Everything here is written for numpy and jax arrays alike (the array API's namespace): a plan
 counts on the host what a render does on the device.

@@ -7,10 +7,15 @@ The image is piecewise constant in the positions. Its box-filtered limit is not:
 moves, a pixel gains the colour on one side of the edge and loses the colour on the other side, as
 fast as the edge sweeps over the pixel. The integral along the edge is evaluated on the sample grid,
 as a sum over the crossings of edges with lines of samples (`crossings`). Each crossing stands for
-the length of edge between two lines. The speed of a crossing along its line is exact. The jump of
-colour at a crossing is the colour of the edge's triangle on the edge, minus the colour beyond the
-edge, taken at the sample outside (`color_jumps`, which also says which crossings count). Images and
-colours that have alpha are premultiplied.
+the length of edge between two lines. The change of a pixel, for a velocity of the vertices, is
+
+    the sum over its crossings of  speed * jump / number of samples of a pixel,
+
+where the speed is that of the crossing along its line, in samples per unit of time, positive if
+samples become covered (`edge_motion`). It is exact. The jump of colour at a crossing is the colour
+of the edge's triangle on the edge, minus the colour beyond the edge, taken at the sample outside
+(`color_jumps`, which also says which crossings count). Images and colours that have alpha are
+premultiplied.
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 

@@ -1,11 +1,16 @@
-"""Raises an error, when a compiled program runs, for a scene that has outgrown its plan.
+"""Raises an error, or makes the image NaN, for a scene that has outgrown its plan.
 
 A scene outgrows its plan if it needs longer lists than the plan has, or reaches past the guard band
 although the plan does not cut triangles there. The guard band is the canvas with a wide margin.
-Where values are known, `render` raises the error itself. Under a trace the compiled program must
-raise it. A check that only the image depends on is lost where only derivatives are asked for: the
-gradient of a loss that is linear in the image needs no pixel of it, so the compiler removes the
-image together with its check. Therefore tangents and cotangents depend on the check too.
+
+- Where values are known, outside `jax.jit` and the like, `ValueError` is raised at once.
+- Under a trace, the compiled program raises the error when it runs, if `Plan.on_overflow` is
+  `"raise"`.
+- If it is `"nan"`, the image and its derivatives are NaN under a trace.
+
+A check that only the image depends on is lost where only derivatives are asked for: the gradient of
+a loss that is linear in the image needs no pixel of it, so the compiler removes the image together
+with its check. Therefore tangents and cotangents depend on the check too.
 """
 
 import functools

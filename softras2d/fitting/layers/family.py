@@ -354,9 +354,9 @@ class LayersFit(AbstractFit):
         """Give each triangle a colour of the palette, for a low squared error, and freeze colours.
 
         The palette is improved, too, unless the user gave its colours. The background gets a colour
-        of the palette if `has_palette_background` says so. New colours make losses incomparable, so
-        they forget the best unknowns so far. After the first call, nothing is done if all colours
-        and the palette would change by less than `palette.LEAST_CHANGE`.
+        of the palette if `has_palette_background` says so. Losses of before and after cannot be
+        compared, so the best unknowns so far are forgotten. After the first call, nothing is done
+        if all colours and the palette would change by less than `LEAST_CHANGE` (`palette.py`).
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(

@@ -227,7 +227,7 @@ class MeshFit(AbstractFit):
 
         `target`: the image and its weights at their original size. The colours minimise the
         weighted squared error of sRGB values, and are then clipped to 0..1. Frozen colours stay.
-        The best unknowns are then forgotten.
+        The record of the best unknowns is cleared, because its loss is that of other colours.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None

@@ -11,7 +11,8 @@ Its folders are in this order. Each imports from those before it, never from tho
 - `reading`: draws a document in one of two dialects, and returns a scene. It has `read_svg`.
 - `writing`: writes scenes and films, with additions for browsers. It has `write_svg`.
 
-`elements.element_kinds` says how to add an element.
+`elements.element_kinds` says how to add an element, and `css.property_values` how to add a
+property.
 
 These terms have the same meaning in all folders:
 

@@ -1,6 +1,7 @@
 """Parses the values of CSS properties.
 
-`PARSERS` has one parser for each field of `Style`.
+To add a property: add a field to `style.Style`, before `opacity` if it is inherited, and its parser
+to `PARSERS` here; remove it from the properties that are not supported (`computed_style.py`).
 """
 
 import re
