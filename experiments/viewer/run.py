@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 
@@ -31,9 +31,15 @@ RESULTS = Path(__file__).parent / "results"
 HEIGHT, WIDTH = 1216, 1600
 """The canvas, in pixels; its sides are multiples of 32."""
 
-PANS, RENDERS, VIEWS = 11, 7, 500
-"""Views of each scene, over which the median is taken (rounded up to an even number); renders of
-each scene; and views in the measurement of memory."""
+PANS, CALLS, VIEWS = 12, 7, 500
+"""Views of each scene, over which the median is taken, an even number; calls of each scene over
+which the least processor time is taken; and views in the measurement of memory."""
+
+PAUSE = 0.2
+"""Pause, in seconds, before a view and before a render that is timed.
+
+Idle cores take some milliseconds to wake up. A user's view begins on idle cores, so a render that
+it is compared with must, too."""
 
 MEMORY_SCENE = "rings"
 
@@ -105,11 +111,46 @@ def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
     """Time, in ms, from request to drawn pixels, of `render` alone, and of a frame that pans."""
     page.press("ArrowRight")
     _wait_until_compiled(session)
-    answers = [_pan(page, key) for key in ("ArrowLeft", "ArrowRight") * (PANS // 2 + 1)]
+    answers, renders = _answers_and_renders(page, session)
     # Store the measured view, because the frames below pan further.
     request = session.last_picture
     frames = [page.evaluate(_FRAME) for _ in range(PANS)]
     page.wait_for_picture()
+    render = _render_of(session, request)
+    sizes: list[int] = []
+    view = request["view"]
+    return {
+        "answer_ms": round(statistics.median(answers), 1),
+        "least_answer_ms": round(min(answers), 1),
+        "render_ms": round(statistics.median(renders), 1),
+        "least_render_ms": round(min(renders), 1),
+        "answer_processor_ms": _processor_ms(lambda: sizes.append(_answer_bytes(session, request))),
+        "render_processor_ms": _processor_ms(render),
+        "frame_ms": round(statistics.median(frames), 1),
+        "message_mb": round(sizes[-1] / 1e6, 2),
+        "canvas": [view["width"], view["height"]],
+    }
+
+
+def _answers_and_renders(page: Page, session: _RecordingSession) -> tuple[list[float], list[float]]:
+    """Times, in ms, of views that pan to and fro, and of a render of each after it."""
+    answers, renders = [], []
+    calls: dict[str, Callable[[], object]] = {}
+    for key in ("ArrowLeft", "ArrowRight") * (PANS // 2):
+        time.sleep(PAUSE)
+        answers.append(_pan(page, key))
+        if key not in calls:
+            calls[key] = _render_of(session, session.last_picture)
+            calls[key]()
+        time.sleep(PAUSE)
+        began = time.perf_counter()
+        calls[key]()
+        renders.append(1e3 * (time.perf_counter() - began))
+    return answers, renders
+
+
+def _render_of(session: _RecordingSession, request: Mapping[str, Any]) -> Callable[[], object]:
+    """A function that renders the view of a request by `sr.render`, with a plan for it alone."""
     view = request["view"]
     scene = session.subjects[request["subject"]].scene_at(view["zoom"])
     plan = sr.plan(
@@ -119,20 +160,7 @@ def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
         origin=(view["x"], view["y"]),
         on_overflow="nan",
     )
-    alone = _times(lambda: jax.block_until_ready(sr.render(scene, plan)), RENDERS)
-    sizes: list[int] = []
-    answered = _times(lambda: sizes.append(_answer_bytes(session, request)), RENDERS)
-    return {
-        "answer_ms": round(statistics.median(answers), 1),
-        "least_answer_ms": round(min(answers), 1),
-        "render_ms": round(statistics.median(alone.wall), 1),
-        "least_render_ms": round(min(alone.wall), 1),
-        "answer_processor_ms": round(min(answered.processor), 1),
-        "render_processor_ms": round(min(alone.processor), 1),
-        "frame_ms": round(statistics.median(frames), 1),
-        "message_mb": round(sizes[-1] / 1e6, 2),
-        "canvas": [view["width"], view["height"]],
-    }
+    return lambda: jax.block_until_ready(sr.render(scene, plan))
 
 
 def _wait_until_compiled(session: Session) -> None:
@@ -152,23 +180,15 @@ def _pan(page: Page, key: str) -> float:
     return float(page.evaluate(_DRAWN_MS))
 
 
-class Times(NamedTuple):
-    """Wall-clock and processor time, in milliseconds, of several calls."""
-
-    wall: list[float]
-    processor: list[float]
-
-
-def _times(call: Callable[[], Any], count: int) -> Times:
-    """The times of calls, after a call that compiles."""
+def _processor_ms(call: Callable[[], object]) -> float:
+    """The least processor time of `CALLS` calls, in milliseconds, after a call that compiles."""
     call()
-    times = Times([], [])
-    for _ in range(count):
-        wall, processor = time.perf_counter(), time.process_time()
+    times = []
+    for _ in range(CALLS):
+        began = time.process_time()
         call()
-        times.wall.append(1e3 * (time.perf_counter() - wall))
-        times.processor.append(1e3 * (time.process_time() - processor))
-    return times
+        times.append(1e3 * (time.process_time() - began))
+    return round(min(times), 1)
 
 
 def _memory(page: Page, views: int) -> list[float]:

@@ -16,8 +16,15 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
+from ..numerics.blocks import map_differentiable_blocks
 from ..numerics.fusion_barrier import materialized
-from ..shading.fragments import Fragments, gather_bits, sample_points, shading_points
+from ..shading.fragments import (
+    FRAGMENTS_PER_BLOCK,
+    Fragments,
+    gather_bits,
+    sample_points,
+    shading_points,
+)
 from ..shading.surface import Lanes, Points, Surface, gather_lanes, surface_lanes
 from ..shading.triangle_color import add_shade, shade
 from .opaque import Packing
@@ -48,15 +55,24 @@ def sum_shaded(
     triangle = chunks.triangle.reshape(-1)
     tile = jnp.repeat(chunks.tile, chunks.triangle.shape[1])
     # There are fewer slots than fragments, so what the pixels of a slot share is computed per slot.
-    lanes = gather_lanes(surface_lanes(surface, triangle, tile, tiling), fragments.slot)
-    if shading == "pixel":
-        covered_bits = gather_bits(covered, fragments.slot, fragments.column, fragments.row, tiling)
+    slot_lanes = surface_lanes(surface, triangle, tile, tiling)
+
+    def shade_block(block: Fragments) -> Float[Array, "channels fragments"]:
+        lanes = gather_lanes(slot_lanes, block.slot)
+        if shading == "sample":
+            return _shade_samples(surface, lanes, block, tiling)
+        covered_bits = gather_bits(covered, block.slot, block.column, block.row, tiling)
         points = shading_points(
-            fragments, covered_bits, surface.edges, lanes.weights, triangle, tile, tiling
+            block, covered_bits, surface.edges, lanes.weights, triangle, tile, tiling
         )
-        total = _shade_pixels(surface, lanes, points, fragments, tiling)
-    else:
-        total = _shade_samples(surface, lanes, fragments, tiling)
+        return _shade_pixels(surface, lanes, points, block, tiling)
+
+    total = map_differentiable_blocks(
+        lambda entries: shade_block(Fragments(*entries, fragments.needed)),
+        (fragments.slot, fragments.column, fragments.row, fragments.bits),
+        fragments.needed,
+        size=FRAGMENTS_PER_BLOCK,
+    )
     return _add_to_pixels(total, tile, fragments, tiling)
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from .batched_loops import repeat
+from .batched_loops import apply_if_any, repeat
 
 Tree = TypeVar("Tree")
 """A tree of arrays."""
@@ -57,3 +57,49 @@ def map_blocks(
         lambda block: jnp.zeros((count, *block.shape[1:]), block.dtype), block_shapes
     )
     return repeat(-(-jnp.minimum(used_count, count) // size), write_block, results)
+
+
+def map_differentiable_blocks(
+    function: Callable[[Any], Tree], entries: Any, used_count: Int[Array, ""], *, size: int
+) -> Tree:
+    """Apply `function` to blocks of entries along the last axis; differentiable in both modes.
+
+    Like `map_blocks`, but for the last axis, and a gradient computes a block again instead of
+    storing its intermediate results. All blocks have equal sizes, `size` or a little less; the last
+    one may be filled up with entries that are 0.
+
+    - `function`: maps a block to results with the same last axis. It must treat all entries alike
+      and independently, and the results of entries that are not used must be 0.
+    - `entries`: a tree of arrays with a common last axis.
+    - `used_count`: number of entries that are used, the first ones. Blocks without such entries are
+      skipped; in a batch, a block is skipped only if all elements of the batch can skip it.
+    - `size`: maximum number of entries in a block.
+
+    If JAX's default backend is not the CPU, and for at most `size` entries, all entries are
+    computed as one block.
+    """
+    count = jax.tree.leaves(entries)[0].shape[-1]
+    if count <= size or jax.default_backend() != "cpu":
+        return function(entries)
+    blocks = -(-count // size)
+    length = -(-count // blocks)
+
+    def split(array: Array) -> Array:
+        filling = [(0, 0)] * (array.ndim - 1) + [(0, blocks * length - count)]
+        return jnp.pad(array, filling).reshape(*array.shape[:-1], blocks, length)
+
+    def join(array: Array) -> Array:
+        return array.reshape(*array.shape[:-2], -1)[..., :count]
+
+    def visit(_: None, numbered_block: tuple[Int[Array, ""], Any]) -> tuple[None, Tree]:
+        number, block = numbered_block
+        unused = jax.tree.map(
+            lambda result: jnp.zeros(result.shape, result.dtype), jax.eval_shape(function, block)
+        )
+        return None, apply_if_any(number * length < used_count, lambda _: function(block), unused)
+
+    # Axis -2 counts blocks; a scan runs along the leading axis.
+    leading = jax.tree.map(lambda array: jnp.moveaxis(split(array), -2, 0), entries)
+    numbers = jnp.arange(blocks, dtype=jnp.int32)
+    results = jax.lax.scan(jax.checkpoint(visit), None, (numbers, leading))[1]
+    return jax.tree.map(lambda array: join(jnp.moveaxis(array, 0, -2)), results)

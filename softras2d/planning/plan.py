@@ -12,6 +12,7 @@ from ..geometry.canvas_grid import Grid
 from ..geometry.tiling import Tiling
 from ..names import OnOverflow
 from ..options import Coverage, Filter, Hard
+from ..shading.fragments import FRAGMENTS_PER_BLOCK
 from .capacities import Capacity
 from .effects import EFFECTS, GUARD_BAND
 from .worst_case import worst_case
@@ -126,13 +127,18 @@ class Plan(eqx.Module):
 
     @property
     def memory(self) -> int:
-        """Approximate size, in bytes, of the largest arrays that a render holds at one time."""
+        """Approximate size, in bytes, of the largest arrays that a render holds at one time.
+
+        On other devices than the CPU, textures and perspective take several times as much.
+        """
         tiling, capacity = self.tiling, self.capacity
         coverage_words = capacity.chunks * capacity.slots_per_chunk * tiling.sample_rows * 4
         tile_channel = tiling.height * tiling.width * 4
         lists = 17 * 4 * capacity.pairs + 2 * coverage_words
         lists += (3 * capacity.chunks + 7 * tiling.count) * tile_channel
-        fragments = 4 * capacity.fragments * (60 + tiling.grid.rate)
+        # A fragment in the list, and one in the block of the list that is being shaded.
+        fragments = 4 * capacity.fragments * (7 + tiling.grid.rate)
+        fragments += 4 * min(capacity.fragments, FRAGMENTS_PER_BLOCK) * 60
         steps = 0
         if _IN_ORDER & set(self.effects):
             steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)

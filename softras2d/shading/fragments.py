@@ -22,6 +22,13 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from .surface import Points, gather_lanes
 
+FRAGMENTS_PER_BLOCK = 2**15
+"""Maximum number of fragments that are shaded at once.
+
+With fewer than 2^14, the fixed cost of each block dominates; with more than 2^16, the arrays of a
+block do not fit into the processor's cache.
+"""
+
 
 class Fragments(NamedTuple):
     """A list of fragments, tile by tile.
