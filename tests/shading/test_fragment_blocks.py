@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import softras2d as sr
+from softras2d.names import Shading
 from softras2d.shading.fragments import FRAGMENTS_PER_BLOCK
 
 pytestmark = pytest.mark.slow
@@ -34,7 +35,7 @@ def _scene(*, perspective: bool) -> sr.Scene:
     )
 
 
-def _plan(scene: sr.Scene, shading: str, origin: tuple[int, int] | None) -> sr.Plan:
+def _plan(scene: sr.Scene, shading: Shading, origin: tuple[int, int] | None) -> sr.Plan:
     """Plan the canvas, or the window at `origin`."""
     # Gradients with respect to positions contain crossings at the border of a window.
     hard = sr.Hard(samples=4, shading=shading, edge_gradients=False)
