@@ -10,6 +10,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import jax
 
 import softras2d as sr
 from softras2d import scenes
+from softras2d.numerics.freed_memory import keep_freed_memory
 from softras2d.viewing.frames import frames_of
 from softras2d.viewing.scene_file import ReadOptions, SceneFile
 from softras2d.viewing.scene_in_memory import SceneInMemory
@@ -70,7 +72,9 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=list(scenes.names()))
     parser.add_argument("--views", type=int, default=VIEWS)
     arguments = parser.parse_args()
+    # As `softras2d view` does.
     sr.keep_compiled_programs()
+    keep_freed_memory()
     rows, memory, result = [], [], {}
     for name in arguments.scenes:
         # A separate viewer for each scene: scenes in one viewer would share plans.
@@ -133,19 +137,24 @@ def _measure(page: Page, session: _RecordingSession) -> dict[str, Any]:
 
 
 def _answers_and_renders(page: Page, session: _RecordingSession) -> tuple[list[float], list[float]]:
-    """Times, in ms, of views that pan to and fro, and of a render of each after it."""
+    """Times, in ms, of views that pan to and fro, and of a render of each after it.
+
+    The renders run in a thread, as they do in the server: the C library has a separate heap for it.
+    """
     answers, renders = [], []
     calls: dict[str, Callable[[], object]] = {}
+    thread = ThreadPoolExecutor(1)
     for key in ("ArrowLeft", "ArrowRight") * (PANS // 2):
         time.sleep(PAUSE)
         answers.append(_pan(page, key))
         if key not in calls:
             calls[key] = _render_of(session, session.last_picture)
-            calls[key]()
+            thread.submit(calls[key]).result()
         time.sleep(PAUSE)
         began = time.perf_counter()
-        calls[key]()
+        thread.submit(calls[key]).result()
         renders.append(1e3 * (time.perf_counter() - began))
+    thread.shutdown()
     return answers, renders
 
 

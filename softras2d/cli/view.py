@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from .. import scenes
+from ..numerics.freed_memory import keep_freed_memory
 from . import options
 from .session import session
 
@@ -67,6 +68,8 @@ def view_files(
             if not path.is_file() and not scenes.is_bundled(path) and path != STANDARD_INPUT:
                 raise ValueError(f"{path}: no such file.")
         check_server_packages()
+        # Before the threads that draw start.
+        keep_freed_memory()
         from ..viewing.scene_file import ReadOptions
         from ..viewing.serve import ViewerServer
         from ..viewing.session import Session

@@ -170,12 +170,16 @@ def _pixel_index(
     """Compute the index of each fragment's pixel in a flat array `[tiles, fields, word_rows]`.
 
     This is the layout of unpacked arrays (`Packing`), and `tile` is the tile of each slot.
+    Fragments that are not used have an index beyond the array.
     """
     packing = Packing.of(tiling.grid.rate)
     field, word = fragments.column // packing.words, fragments.column % packing.words
     word_row = word * tiling.height + fragments.row
     word_rows = packing.words * tiling.height
-    return (tile[fragments.slot] * packing.fields + field) * word_rows + word_row
+    pixel = (tile[fragments.slot] * packing.fields + field) * word_rows + word_row
+    # Adding zero to one pixel for all unused fragments would take longer than adding the others.
+    is_used = jnp.arange(pixel.shape[0], dtype=jnp.int32) < fragments.needed
+    return jnp.where(is_used, pixel, tiling.count * packing.fields * word_rows)
 
 
 @functools.partial(materialized, static_argnames=("pixels",))

@@ -154,10 +154,12 @@ def _shade_block(
 ) -> Float[Array, "4 sub_rows sub_columns width lines"]:
     """Compute the premultiplied RGBA of a layer of a block at every sample, covered or not.
 
-    - `covered`: coverage words before the depth test, which decide where a pixel is shaded if
-      `shading` is `"pixel"`.
-    - `triangle`, `tile`: the layer's triangle in each tile of the block, and the tiles.
-    - `shading`: as in `Hard.shading`.
+    - `covered`: coverage words before the depth test. If `shading` is `"pixel"`, a pixel whose
+      centre lies outside the triangle is shaded at the centroid of its samples in `covered`
+      (`shading_points`).
+    - `triangle`, `tile`: the layer's triangle in each tile of the block, and the tiles. Where a
+      tile has no such layer, any triangle will do.
+    - `shading`: as in `Hard.shading`. With `"pixel"`, all samples of a pixel have one colour.
     """
     rate, width = tiling.grid.rate, tiling.width
     lines = covered.shape[1]

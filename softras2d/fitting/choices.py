@@ -140,13 +140,15 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a finite integer or float of Python or NumPy, and not a boolean.
+    """Whether a value is an integer or a float, of Python or NumPy, finite as a Python float.
 
-    It is false for an integer that is too large for a float.
+    It is false for booleans, durations, arrays and values of other types.
     """
     is_real = isinstance(value, int | float | np.integer | np.floating)
+    # NumPy counts durations among the integers.
+    is_excluded = isinstance(value, bool | np.timedelta64)
     try:
-        return is_real and not isinstance(value, bool) and math.isfinite(value)
+        return is_real and not is_excluded and math.isfinite(value)
     except OverflowError:
         # An integer too large for a float is too large for any option.
         return False

@@ -18,12 +18,13 @@ class Size(NamedTuple):
 
 
 class Entries:
-    """The arrays of a saved fit, from which a reader takes one after another, checked, by name.
+    """The arrays of a saved fit, by name, in a copy from which a reader takes each one once.
 
-    No array can be taken twice. When the reader has taken all that it knows, `end` raises an error
-    if any are left, because the arrays of a valid fit are known.
+    `take` checks the type and the shape of the array that it removes, `finite` also its values, and
+    `drop` checks nothing. After the reader has taken all arrays that a fit has, `end` refuses those
+    that are left. Every fault, also a missing array, raises `ValueError`.
 
-    - `arrays`: the arrays by name. The entries are taken from a copy of this dictionary.
+    - `arrays`: the arrays by name; the dictionary is copied, not changed.
     - `prefix`: text before the names in error messages, such as `"state."`.
     """
 

@@ -212,24 +212,26 @@ def _fit_to_the_end(
 ) -> FitResult:
     """Run a fit to its limits, solve for colours if the settings ask for it, and make the result.
 
-    If Ctrl-C was pressed, colours are not solved for. With a `callback`, they are solved for only
-    at the size of the fit, not again at the size of the target. After the first Ctrl-C, the result
-    so far is written to `checkpoint`, if there is one, and returned. After the second, an unscored
-    result is written there, and `KeyboardInterrupt` is raised.
+    If Ctrl-C ended the steps, colours are not solved for. With a `callback`, they are solved for
+    only at the size of the fit, not again at the size of the target. After the first Ctrl-C, the
+    result so far is written to `checkpoint`, if there is one, and returned. After the second,
+    `Task.unscored_result` is written there, and `KeyboardInterrupt` is raised.
     """
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
         interrupt.raise_if_repeated()
         if not (interrupted or interrupt.requested):
             task.polish(at_full_size=callback is None)
-        result = task.result(interrupted or interrupt.requested)
+        result = task.result(interrupted)
+        # Ctrl-C may also have been pressed while the result was made.
+        result = replace(result, interrupted=interrupted or interrupt.requested)
+        if checkpoint is not None and result.interrupted:
+            # At once, because a second Ctrl-C may end the program before it can save the result.
+            _save(result, checkpoint)
     except KeyboardInterrupt:
         if checkpoint is not None:
             _save(task.unscored_result(), checkpoint)
         raise
-    if checkpoint is not None and result.interrupted:
-        # At once, because a second Ctrl-C may end the program before it can save the result.
-        _save(result, checkpoint)
     return result
 
 

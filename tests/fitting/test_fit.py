@@ -262,6 +262,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "`steps` must be": dict(steps=-1),
     "give one of `steps` and `seconds`": dict(steps=1, seconds=1.0),
     "`seconds` must be": dict(seconds=-1.0),
+    "`seconds` must be a number": dict(seconds=np.timedelta64(5, "s")),
     "`softness` must be": dict(softness=0),
     "`softness` must be pixels": dict(softness=(1, 2, 3)),
     "`colors` must be one of": dict(colors="guess"),

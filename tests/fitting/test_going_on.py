@@ -205,6 +205,21 @@ def test_a_second_ctrl_c_leaves_the_checkpoint(tmp_path, monkeypatch):
     assert sr.fit(TARGET, resume=checkpoint, steps=steps + 1).history[-1].steps == steps + 1
 
 
+@pytest.mark.slow
+def test_ctrl_c_while_the_result_is_drawn_writes_the_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "fit.npz"
+    make_result = Task.result
+
+    def make_result_slowly(self, interrupted):
+        signal.raise_signal(signal.SIGINT)
+        return make_result(self, interrupted)
+
+    monkeypatch.setattr(Task, "result", make_result_slowly)
+    result = sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
+    assert result.interrupted
+    np.testing.assert_array_equal(sr.FitResult.load(path).image, result.image)
+
+
 def test_a_second_ctrl_c_during_a_report_ends_the_fit_at_once(tmp_path, monkeypatch):
     def interrupt_twice(progress):
         for _ in range(2):

@@ -356,7 +356,7 @@ class LayersFit(AbstractFit):
         The palette is improved, too, unless the user gave its colours. The background gets a colour
         of the palette if `has_palette_background` says so. Losses of before and after cannot be
         compared, so the best unknowns so far are forgotten. After the first call, nothing is done
-        if all colours and the palette would change by less than `LEAST_CHANGE` (`palette.py`).
+        if triangles and palette would change by less than `LEAST_CHANGE` (`palette.py`).
         """
         y = self._with_frozen_values(self.progress.y)
         quantized = quantize(
