@@ -33,13 +33,23 @@ STYLES: dict[str, tuple[str, str, Any]] = {
 }
 _FONT = 8.5
 
+_EARLIER = "#BDBDBD"
+"""Colour of the points of an earlier version."""
+
 
 def draw(
-    points: Sequence[Point], titles: dict[str, str], time_label: str, error: str, note: str
+    points: Sequence[Point],
+    earlier: Sequence[Point],
+    titles: dict[str, str],
+    time_label: str,
+    error: str,
+    note: str,
 ) -> Figure:
     """Draw one panel for each scene of `titles`, and the legend in a separate panel.
 
-    `time_label` and `error` name the axes; `note` is placed below the legend.
+    - `earlier`: points of an earlier version of softras2d, drawn in grey.
+    - `time_label`, `error`: names of the axes.
+    - `note`: text below the legend.
     """
     columns = 2
     lines = -(-(len(titles) + 1) // columns)
@@ -48,12 +58,16 @@ def draw(
     )
     panels = list(grid.flat)
     for axes, (scene, title) in zip(panels, titles.items(), strict=False):
-        _panel(axes, [point for point in points if point.scene == scene])
+        _panel(
+            axes,
+            [point for point in points if point.scene == scene],
+            [point for point in earlier if point.scene == scene],
+        )
         axes.set_title(title)
         axes.set(xlabel=time_label, ylabel=error)
     for axes in panels[len(titles) :]:
         axes.axis("off")
-    _key(panels[len(titles)], points, note)
+    _key(panels[len(titles)], points, note, has_earlier=bool(earlier))
     # Labels are placed in pixels, so the layout must not change afterwards.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -66,8 +80,9 @@ def draw(
     return figure
 
 
-def _panel(axes: Any, points: Sequence[Point]) -> None:
+def _panel(axes: Any, points: Sequence[Point], earlier: Sequence[Point]) -> None:
     best = front(points)
+    _plot_earlier(axes, earlier)
     axes.plot(
         [point.ms for point in best],
         [point.error for point in best],
@@ -99,6 +114,19 @@ def _panel(axes: Any, points: Sequence[Point]) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
+def _plot_earlier(axes: Any, points: Sequence[Point]) -> None:
+    """Plot the points of an earlier version in grey, with the markers of their families."""
+    for family, (_, marker, line) in STYLES.items():
+        of_family = [point for point in points if point.family == family]
+        is_joined = line != "none" and not any("mip" in point.label for point in of_family)
+        axes.plot(
+            [point.ms for point in of_family],
+            [point.error for point in of_family],
+            color=_EARLIER, marker=marker, linestyle=line if is_joined else "none",
+            linewidth=0.8, markersize=5, zorder=1,
+        )  # fmt: skip
+
+
 def _joined(points: Sequence[Point]) -> list[list[tuple[float, float]]]:
     """The lines that join a family's points."""
     return [
@@ -116,7 +144,7 @@ def _text(point: Point) -> str:
     return point.label if joined else f"{point.family} {point.label}"
 
 
-def _key(axes: Any, points: Sequence[Point], note: str) -> None:
+def _key(axes: Any, points: Sequence[Point], note: str, *, has_earlier: bool) -> None:
     families = {point.family for point in points}
     handles = [
         Line2D(
@@ -132,6 +160,9 @@ def _key(axes: Any, points: Sequence[Point], note: str) -> None:
         if family in families
     ]
     handles.append(Line2D([], [], color="#F0E442", linewidth=6, alpha=0.8, label="Pareto front"))
+    if has_earlier:
+        grey = Line2D([], [], color=_EARLIER, marker="o", label="softras2d of 2026-11-23")
+        handles.append(grey)
     axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
     axes.text(0.02, 0.02, note, transform=axes.transAxes, fontsize=10, va="bottom", wrap=False)
 

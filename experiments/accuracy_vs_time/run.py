@@ -44,9 +44,13 @@ PACKAGES = (
 )
 
 
-def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
+def image_rows(subject: Subject, quick: bool, has_peers: bool = True) -> list[dict[str, Any]]:
     """A row for each method of drawing a scene; all methods are timed in turn."""
-    contestants = ways.contestants(subject, quick)
+    contestants = [
+        contestant
+        for contestant in ways.contestants(subject, quick)
+        if has_peers or contestant.family in ways.OURS
+    ]
     drawn = [contestant.draw for contestant in contestants if contestant.family in ways.OURS]
     compile_together([lambda: subjects.reference(subject, REFERENCES), *drawn])
     reference = subjects.reference(subject, REFERENCES)
@@ -71,12 +75,13 @@ def image_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
     ]
 
 
-def gradient_rows(subject: Subject, quick: bool) -> list[dict[str, Any]]:
+def gradient_rows(subject: Subject, quick: bool, has_peers: bool = True) -> list[dict[str, Any]]:
     """A row for each method of differentiating a scene; all methods are timed in turn."""
     truth = gradients.truth(subject, subjects.reference(subject, REFERENCES))
     methods = {
         f"{method.family}, {method.label}": method
         for method in gradients.methods_of(subject, quick)
+        if has_peers or method.family in ways.OURS
     }
     compile_together(method.call for method in methods.values() if method.family in ways.OURS)
     by_method = {name: method.read(method.call()) for name, method in methods.items()}
@@ -117,12 +122,21 @@ def main() -> None:
     parser.add_argument(
         "--only", default="", help="Names of scenes, separated by commas; results go to cache/only."
     )
+    parser.add_argument(
+        "--earlier",
+        action="store_true",
+        help="Measure only softras2d, of an earlier version that is installed; results go to "
+        "results/earlier, and are grey in the figures.",
+    )
     arguments = parser.parse_args()
+    has_peers = not arguments.earlier
     quick, only = arguments.quick, {name for name in arguments.only.split(",") if name}
     cache_programs(CACHE / "xla")
     results = HERE / "results"
     if quick or only:
         results = CACHE / ("quick" if quick else "only")
+    elif arguments.earlier:
+        results = HERE / "results" / "earlier"
     size = QUICK_SIZE if quick else SIZE
     began, about = time.perf_counter(), machine.record(PACKAGES)
     chosen = [one for one in subjects.load(size) if not only or one.name in only]
@@ -133,10 +147,10 @@ def main() -> None:
     images: list[dict[str, Any]] = []
     gradient_results: list[dict[str, Any]] = []
     for name, subject in progress.steps({one.name: one for one in chosen}.items(), "scenes"):
-        images += image_rows(subject, quick)
+        images += image_rows(subject, quick, has_peers)
         # The exact gradient does not support textures.
         if not subject.textured and (not quick or name in QUICK_GRADIENTS):
-            gradient_results += gradient_rows(subject, quick)
+            gradient_results += gradient_rows(subject, quick, has_peers)
         report.write_csv(results / "images.csv", images)
         if gradient_results:
             report.write_csv(results / "gradients.csv", gradient_results)
@@ -155,7 +169,8 @@ def main() -> None:
         "seconds": round(time.perf_counter() - began),
     }
     report.write_json(results / "run.json", run)
-    tables.publish(results, None if quick or only else HERE / "README.md")
+    if not arguments.earlier:
+        tables.publish(results, None if quick or only else HERE / "README.md")
 
 
 if __name__ == "__main__":

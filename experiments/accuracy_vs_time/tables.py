@@ -39,6 +39,14 @@ def publish(results: Path, readme: Path | None) -> None:
     titles, size = run["titles"], run["size_px"]
     by_rmse, by_flip = read(images, "rmse"), read(images, "flip")
     by_gradient = read(gradient_rows, "relative_error")
+    earlier = {
+        name: _earlier(results, file, column)
+        for name, file, column in (
+            ("rmse", "images.csv", "rmse"),
+            ("flip", "images.csv", "flip"),
+            ("gradients", "gradients.csv", "relative_error"),
+        )
+    }
     threads = f"softras2d and the scanline: {run['threads']} threads, others one.\n"
     square = f"{size} x {size} px."
     about = _LABELS + _TEXTURES + threads + square
@@ -55,7 +63,7 @@ def publish(results: Path, readme: Path | None) -> None:
             if points is by_gradient
             else "median time, ms"
         )
-        drawn = figure.draw(points, shown, time_label, what, note)
+        drawn = figure.draw(points, earlier[name], shown, time_label, what, note)
         for suffix in ("png", "svg"):
             report.save_figure(drawn, results / f"{name}.{suffix}")
         figure.pyplot.close(drawn)
@@ -73,6 +81,12 @@ def publish(results: Path, readme: Path | None) -> None:
         "machine": _machine(run),
     }
     report.fill_or_print(readme, texts)
+
+
+def _earlier(results: Path, file: str, error_name: str) -> list[Point]:
+    """The points of an earlier version of softras2d; none if it was not measured."""
+    path = results / "earlier" / file
+    return read(report.read_csv(path), error_name) if path.exists() else []
 
 
 def _quickest_table(

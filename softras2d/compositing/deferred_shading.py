@@ -57,7 +57,9 @@ def sum_shaded(
     # There are fewer slots than fragments, so what the pixels of a slot share is computed per slot.
     slot_lanes = surface_lanes(surface, triangle, tile, tiling)
 
-    def shade_block(block: Fragments) -> Float[Array, "channels fragments"]:
+    def shade_block(entries: tuple[Array, ...]) -> Float[Array, "channels fragments"]:
+        slot, column, row, bits = entries
+        block = Fragments(slot, column, row, bits, fragments.needed)
         lanes = gather_lanes(slot_lanes, block.slot)
         if shading == "sample":
             return _shade_samples(surface, lanes, block, tiling)
@@ -68,7 +70,7 @@ def sum_shaded(
         return _shade_pixels(surface, lanes, points, block, tiling)
 
     total = map_differentiable_blocks(
-        lambda entries: shade_block(Fragments(*entries, fragments.needed)),
+        shade_block,
         (fragments.slot, fragments.column, fragments.row, fragments.bits),
         fragments.needed,
         size=FRAGMENTS_PER_BLOCK,
