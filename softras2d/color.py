@@ -2,9 +2,9 @@
 
 `rendering.render` premultiplies the background and unpremultiplies the image, and
 `shading.triangle_color` premultiplies the colours of triangles. Rendering never converts between
-sRGB and linear values. Reading and writing files does where the file and the array differ (`io`),
-and so do texture pyramids and losses that were asked for linear light. This module does not import
-JAX.
+sRGB and linear values. Readers and writers of files convert where the file's colour space is not
+that of the array (`io`); texture pyramids and losses convert if they are asked for linear light.
+This module does not import JAX.
 """
 
 from typing import Any

@@ -40,6 +40,7 @@ _EARLIER = "#BDBDBD"
 def draw(
     points: Sequence[Point],
     earlier: Sequence[Point],
+    version: str,
     titles: dict[str, str],
     time_label: str,
     error: str,
@@ -47,7 +48,7 @@ def draw(
 ) -> Figure:
     """Draw one panel for each scene of `titles`, and the legend in a separate panel.
 
-    - `earlier`: points of an earlier version of softras2d, drawn in grey.
+    - `earlier`, `version`: points of an earlier version of softras2d, drawn in grey, and its name.
     - `time_label`, `error`: names of the axes.
     - `note`: text below the legend.
     """
@@ -67,7 +68,7 @@ def draw(
         axes.set(xlabel=time_label, ylabel=error)
     for axes in panels[len(titles) :]:
         axes.axis("off")
-    _key(panels[len(titles)], points, note, has_earlier=bool(earlier))
+    _key(panels[len(titles)], points, note, version if earlier else None)
     # Labels are placed in pixels, so the layout must not change afterwards.
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
@@ -118,6 +119,7 @@ def _plot_earlier(axes: Any, points: Sequence[Point]) -> None:
     """Plot the points of an earlier version in grey, with the markers of their families."""
     for family, (_, marker, line) in STYLES.items():
         of_family = [point for point in points if point.family == family]
+        # Modes with different filters are not points of one curve.
         is_joined = line != "none" and not any("mip" in point.label for point in of_family)
         axes.plot(
             [point.ms for point in of_family],
@@ -144,7 +146,7 @@ def _text(point: Point) -> str:
     return point.label if joined else f"{point.family} {point.label}"
 
 
-def _key(axes: Any, points: Sequence[Point], note: str, *, has_earlier: bool) -> None:
+def _key(axes: Any, points: Sequence[Point], note: str, version: str | None) -> None:
     families = {point.family for point in points}
     handles = [
         Line2D(
@@ -160,9 +162,8 @@ def _key(axes: Any, points: Sequence[Point], note: str, *, has_earlier: bool) ->
         if family in families
     ]
     handles.append(Line2D([], [], color="#F0E442", linewidth=6, alpha=0.8, label="Pareto front"))
-    if has_earlier:
-        grey = Line2D([], [], color=_EARLIER, marker="o", label="softras2d of 2026-11-23")
-        handles.append(grey)
+    if version is not None:
+        handles.append(Line2D([], [], color=_EARLIER, marker="o", label=f"softras2d, {version}"))
     axes.legend(handles=handles, loc="upper left", fontsize=10, frameon=False)
     axes.text(0.02, 0.02, note, transform=axes.transAxes, fontsize=10, va="bottom", wrap=False)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import softras2d
 from softras2d.comparison.flip import mean_flip
 
 from ..common import machine, progress, report
@@ -114,6 +115,15 @@ def compile_together(calls: Iterable[Callable[[], object]]) -> None:
             done.result()
 
 
+def _check_earlier(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """End with a message unless the imported package is another one than that of this checkout."""
+    if arguments.quick or arguments.only:
+        parser.error("--earlier measures all scenes: leave out --quick and --only.")
+    package = Path(softras2d.__file__ or "").resolve()
+    if package.is_relative_to(Path(__file__).resolve().parents[2]):
+        parser.error(f"--earlier needs another version of softras2d; {package} is this one.")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Measure error against time.")
     parser.add_argument(
@@ -124,12 +134,15 @@ def main() -> None:
     )
     parser.add_argument(
         "--earlier",
-        action="store_true",
-        help="Measure only softras2d, of an earlier version that is installed; results go to "
-        "results/earlier, and are grey in the figures.",
+        default="",
+        metavar="NAME",
+        help="Measure only softras2d, an earlier version of it (see the README); results go to "
+        "results/earlier. The figures show them in grey under this name.",
     )
     arguments = parser.parse_args()
     has_peers = not arguments.earlier
+    if arguments.earlier:
+        _check_earlier(parser, arguments)
     quick, only = arguments.quick, {name for name in arguments.only.split(",") if name}
     cache_programs(CACHE / "xla")
     results = HERE / "results"
@@ -165,6 +178,7 @@ def main() -> None:
         "threads": CORES,
         "titles": {one.name: one.title for one in chosen},
         "left_out": ways.missing(),
+        "version": arguments.earlier,
         "machine": about,
         "seconds": round(time.perf_counter() - began),
     }

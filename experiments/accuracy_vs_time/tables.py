@@ -39,6 +39,8 @@ def publish(results: Path, readme: Path | None) -> None:
     titles, size = run["titles"], run["size_px"]
     by_rmse, by_flip = read(images, "rmse"), read(images, "flip")
     by_gradient = read(gradient_rows, "relative_error")
+    earlier_run = results / "earlier" / "run.json"
+    version = json.loads(earlier_run.read_text())["version"] if earlier_run.exists() else ""
     earlier = {
         name: _earlier(results, file, column)
         for name, file, column in (
@@ -63,7 +65,7 @@ def publish(results: Path, readme: Path | None) -> None:
             if points is by_gradient
             else "median time, ms"
         )
-        drawn = figure.draw(points, earlier[name], shown, time_label, what, note)
+        drawn = figure.draw(points, earlier[name], version, shown, time_label, what, note)
         for suffix in ("png", "svg"):
             report.save_figure(drawn, results / f"{name}.{suffix}")
         figure.pyplot.close(drawn)

@@ -33,9 +33,14 @@ RESULTS = Path(__file__).parent / "results"
 HEIGHT, WIDTH = 1216, 1600
 """The canvas, in pixels; its sides are multiples of 32."""
 
-PANS, CALLS, VIEWS = 12, 7, 500
-"""Views of each scene, over which the median is taken, an even number; calls of each scene over
-which the least processor time is taken; and views in the measurement of memory."""
+PANS = 12
+"""Number of views of each scene, over which the median is taken. It is even."""
+
+CALLS = 7
+"""Number of calls for each scene, over which the least processor time is taken."""
+
+VIEWS = 500
+"""Number of views in the measurement of memory."""
 
 PAUSE = 0.2
 """Pause, in seconds, before a view and before a render that is timed.
@@ -143,18 +148,17 @@ def _answers_and_renders(page: Page, session: _RecordingSession) -> tuple[list[f
     """
     answers, renders = [], []
     calls: dict[str, Callable[[], object]] = {}
-    thread = ThreadPoolExecutor(1)
-    for key in ("ArrowLeft", "ArrowRight") * (PANS // 2):
-        time.sleep(PAUSE)
-        answers.append(_pan(page, key))
-        if key not in calls:
-            calls[key] = _render_of(session, session.last_picture)
+    with ThreadPoolExecutor(1) as thread:
+        for key in ("ArrowLeft", "ArrowRight") * (PANS // 2):
+            time.sleep(PAUSE)
+            answers.append(_pan(page, key))
+            if key not in calls:
+                calls[key] = _render_of(session, session.last_picture)
+                thread.submit(calls[key]).result()
+            time.sleep(PAUSE)
+            began = time.perf_counter()
             thread.submit(calls[key]).result()
-        time.sleep(PAUSE)
-        began = time.perf_counter()
-        thread.submit(calls[key]).result()
-        renders.append(1e3 * (time.perf_counter() - began))
-    thread.shutdown()
+            renders.append(1e3 * (time.perf_counter() - began))
     return answers, renders
 
 
@@ -190,13 +194,14 @@ def _pan(page: Page, key: str) -> float:
 
 
 def _processor_ms(call: Callable[[], object]) -> float:
-    """The least processor time of `CALLS` calls, in milliseconds, after a call that compiles."""
-    call()
+    """The least processor time of `CALLS` calls in a thread, in ms, after a call that compiles."""
     times = []
-    for _ in range(CALLS):
-        began = time.process_time()
-        call()
-        times.append(1e3 * (time.process_time() - began))
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(call).result()
+        for _ in range(CALLS):
+            began = time.process_time()
+            thread.submit(call).result()
+            times.append(1e3 * (time.process_time() - began))
     return round(min(times), 1)
 
 

@@ -11,7 +11,6 @@ import typer
 from rich.console import Console
 
 from .. import scenes
-from ..numerics.freed_memory import keep_freed_memory
 from . import options
 from .session import session
 
@@ -68,12 +67,13 @@ def view_files(
             if not path.is_file() and not scenes.is_bundled(path) and path != STANDARD_INPUT:
                 raise ValueError(f"{path}: no such file.")
         check_server_packages()
-        # Before the threads that draw start.
-        keep_freed_memory()
+        from ..numerics.freed_memory import keep_freed_memory
         from ..viewing.scene_file import ReadOptions
         from ..viewing.serve import ViewerServer
         from ..viewing.session import Session
 
+        # Before the threads that draw start.
+        keep_freed_memory()
         subjects = open_subjects(files, ReadOptions(dialect, assets, frame, opacity))
         with ViewerServer(Session(subjects), port or 0) as server:
             try:

@@ -9,6 +9,7 @@ after visibility, so hidden triangles are not shaded, however many there are.
 import functools
 import math
 import operator
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt32
 from ..binning.lists import Chunks
 from ..geometry.tiling import Tiling
 from ..numerics.blocks import map_differentiable_blocks
+from ..numerics.differentiated import unless_differentiated
 from ..numerics.fusion_barrier import materialized
 from ..shading.fragments import (
     FRAGMENTS_PER_BLOCK,
@@ -57,6 +59,55 @@ def sum_shaded(
     # There are fewer slots than fragments, so what the pixels of a slot share is computed per slot.
     slot_lanes = surface_lanes(surface, triangle, tile, tiling)
 
+    inputs = _Inputs(surface, slot_lanes, fragments, covered, triangle, tile)
+    shade_all = functools.partial(_shade_in_blocks, tiling=tiling, shading=shading)
+    if surface.textures is None:
+        total = shade_all(None, inputs, size=FRAGMENTS_PER_BLOCK)
+    else:
+        # Each step of a derivative with respect to texels adds to all texels, so its blocks are not
+        # smaller than the textures.
+        texels = surface.textures.texels
+        shade_all = unless_differentiated(
+            functools.partial(shade_all, size=FRAGMENTS_PER_BLOCK),
+            functools.partial(shade_all, size=max(FRAGMENTS_PER_BLOCK, texels.shape[0])),
+        )
+        total = shade_all(texels, inputs)
+    return _add_to_pixels(total, tile, fragments, tiling)
+
+
+class _Inputs(NamedTuple):
+    """What shading fragments takes; the fields are as in `sum_shaded`.
+
+    - `slot_lanes`: the data of the surface for each slot.
+    - `triangle`, `tile`: triangle and tile of each slot.
+    """
+
+    surface: Surface
+    slot_lanes: Lanes
+    fragments: Fragments
+    covered: UInt32[Array, "chunks slots rows"]
+    triangle: Int[Array, " slots"]
+    tile: Int[Array, " slots"]
+
+
+def _shade_in_blocks(
+    texels: Float[Array, "texels 4"] | None,
+    inputs: _Inputs,
+    *,
+    tiling: Tiling,
+    shading: str,
+    size: int,
+) -> Float[Array, "channels fragments"]:
+    """Shade each fragment, and sum the colours of its visible samples.
+
+    - `texels`: the texels of the surface, apart, so that they can be differentiated apart; None for
+      a surface without textures.
+    - `size`: maximum number of fragments in a block. All of a block are shaded at once.
+    """
+    surface, slot_lanes, fragments, covered, triangle, tile = inputs
+    if surface.textures is not None and texels is not None:
+        surface = surface._replace(textures=surface.textures._replace(texels=texels))
+
     def shade_block(entries: tuple[Array, ...]) -> Float[Array, "channels fragments"]:
         slot, column, row, bits = entries
         block = Fragments(slot, column, row, bits, fragments.needed)
@@ -69,13 +120,8 @@ def sum_shaded(
         )
         return _shade_pixels(surface, lanes, points, block, tiling)
 
-    total = map_differentiable_blocks(
-        shade_block,
-        (fragments.slot, fragments.column, fragments.row, fragments.bits),
-        fragments.needed,
-        size=FRAGMENTS_PER_BLOCK,
-    )
-    return _add_to_pixels(total, tile, fragments, tiling)
+    entries = fragments.slot, fragments.column, fragments.row, fragments.bits
+    return map_differentiable_blocks(shade_block, entries, fragments.needed, size=size)
 
 
 def _shade_samples(

@@ -39,8 +39,8 @@ def normalize(settings: dict[str, Any]) -> dict[str, Any]:
     of layers.
     """
     normalized = {
-        # An array without axes is a scalar of NumPy or JAX.
-        k: v.item() if getattr(v, "ndim", None) == 0 else v
+        # An array without axes is a scalar of NumPy or JAX. A duration would become an integer.
+        k: v.item() if getattr(v, "ndim", None) == 0 and not isinstance(v, np.timedelta64) else v
         for k, v in settings.items()
     }
     name = normalized["family"]
@@ -140,7 +140,7 @@ def _check_choice(name: str, value: Any, choices: tuple[str, ...], of: str = "")
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is an integer or a float, of Python or NumPy, finite as a Python float.
+    """Whether a value is an integer or a float, of Python or NumPy, and finite as a float.
 
     It is false for booleans, durations, arrays and values of other types.
     """

@@ -214,9 +214,10 @@ def _fit_to_the_end(
 
     If Ctrl-C ended the steps, colours are not solved for. With a `callback`, they are solved for
     only at the size of the fit, not again at the size of the target. After the first Ctrl-C, the
-    result so far is written to `checkpoint`, if there is one, and returned. After the second,
-    `Task.unscored_result` is written there, and `KeyboardInterrupt` is raised.
+    result so far is written to `checkpoint`, if there is one, and returned. After the second, it is
+    written too, or `Task.unscored_result` if it is not made yet, and `KeyboardInterrupt` is raised.
     """
+    result = None
     try:
         interrupted = _run(task, limits, report, callback, checkpoint, lambda: interrupt.requested)
         interrupt.raise_if_repeated()
@@ -230,7 +231,7 @@ def _fit_to_the_end(
             _save(result, checkpoint)
     except KeyboardInterrupt:
         if checkpoint is not None:
-            _save(task.unscored_result(), checkpoint)
+            _save(result or task.unscored_result(), checkpoint)
         raise
     return result
 

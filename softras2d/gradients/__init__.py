@@ -5,9 +5,9 @@ interpenetrate, as they move over the samples. The interior term comes from the 
 triangles, which move with the vertices (`interior_term`).
 
 `boundary_term` adds up all crossings: `edge_motion` multiplies the speed of each by the jump of
-colour there. In an opaque scene, `color_jumps` compares the triangles that
-are visible on both sides of the edge. In a translucent scene, `edge_gains` computes the colour that
-the edge's triangle adds between the layers in front of it and those behind it.
+colour there. In an opaque scene, `color_jumps` compares the triangles that are visible on both
+sides of the edge. In a translucent scene, `edge_gains` computes the colour that the edge's triangle
+adds between the layers in front of it and those behind it.
 
 Terms in this folder:
 

@@ -12,10 +12,10 @@ the length of edge between two lines. The change of a pixel, for a velocity of t
     the sum over its crossings of  speed * jump / number of samples of a pixel,
 
 where the speed is that of the crossing along its line, in samples per unit of time, positive if
-samples become covered (`edge_motion`). It is exact. The jump of colour at a crossing is the colour
-of the edge's triangle on the edge, minus the colour beyond the edge, taken at the sample outside
-(`color_jumps`, which also says which crossings count). Images and colours that have alpha are
-premultiplied.
+samples become covered (`edge_motion`). The speed is exact. The jump of colour at a crossing is the
+colour of the edge's triangle on the edge, minus the colour beyond the edge, taken at the sample
+outside (`color_jumps`, which also says which crossings count). Images and colours that have alpha
+are premultiplied.
 
 The sum is linear in the velocity of the vertices, so that one rule serves both jvp and vjp.
 

@@ -65,17 +65,18 @@ def map_differentiable_blocks(
     """Apply `function` to blocks of entries along the last axis; differentiable in both modes.
 
     Like `map_blocks`, but for the last axis, and a gradient computes a block again instead of
-    storing its intermediate results. All blocks have equal sizes, `size` or a little less; the last
-    one may be filled up with entries that are 0.
+    storing its intermediate results. All blocks have equal sizes, at most `size` and at least half
+    of it; the last one may be filled up with entries that are 0.
 
     - `function`: maps a block to results with the same last axis. It must treat all entries alike
-      and independently, and the results of entries that are not used must be 0.
+      and independently, and the results of entries that are not used must be 0. Its derivatives at
+      such entries, and at those that are 0, must be finite.
     - `entries`: a tree of arrays with a common last axis.
     - `used_count`: number of entries that are used, the first ones. Blocks without such entries are
       skipped; in a batch, a block is skipped only if all elements of the batch can skip it.
     - `size`: maximum number of entries in a block.
 
-    If JAX's default backend is not the CPU, and for at most `size` entries, all entries are
+    If JAX's default backend is not the CPU, or there are at most `size` entries, all entries are
     computed as one block.
     """
     count = jax.tree.leaves(entries)[0].shape[-1]

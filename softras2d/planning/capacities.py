@@ -282,10 +282,10 @@ def _max_chunks_class(need: int, slots: int, headroom: Headroom) -> int:
 def _fragment_capacity(need: int, pixels: int, headroom: Headroom) -> int:
     """Choose `Capacity.fragments` for scenes that need `need` fragments; 0 if they need none.
 
-    Fragments that a scene does not need take memory, but hardly any time. A scene that fills the
-    canvas of `pixels` pixels needs one fragment for each pixel and few more. So the capacity is the
-    size class of `need` with its headroom, but at most the number of pixels plus a size class for
-    the fragments beyond this number, which is at least a sixteenth of the pixels.
+    On a CPU, fragments that a scene does not need take memory, but hardly any time. A scene that
+    fills the canvas of `pixels` pixels needs one fragment for each pixel and few more. So the
+    capacity is the size class of `need` with its headroom, but at most the number of pixels plus a
+    size class for the fragments beyond this number, which is at least a sixteenth of the pixels.
     """
     if need == 0:
         return 0

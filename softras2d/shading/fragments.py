@@ -23,7 +23,7 @@ from ..numerics.fusion_barrier import materialized
 from .surface import Points, gather_lanes
 
 FRAGMENTS_PER_BLOCK = 2**15
-"""Maximum number of fragments that are shaded at once.
+"""Maximum number of fragments that are shaded at once on a CPU.
 
 With fewer than 2^14, the fixed cost of each block dominates; with more than 2^16, the arrays of a
 block do not fit into the processor's cache.

@@ -210,14 +210,15 @@ def test_ctrl_c_while_the_result_is_drawn_writes_the_checkpoint(tmp_path, monkey
     path = tmp_path / "fit.npz"
     make_result = Task.result
 
-    def make_result_slowly(self, interrupted):
+    def interrupt_and_make_result(self, interrupted):
         signal.raise_signal(signal.SIGINT)
         return make_result(self, interrupted)
 
-    monkeypatch.setattr(Task, "result", make_result_slowly)
+    monkeypatch.setattr(Task, "result", interrupt_and_make_result)
     result = sr.fit(TARGET, triangles=6, steps=50, checkpoint=path)
-    assert result.interrupted
-    np.testing.assert_array_equal(sr.FitResult.load(path).image, result.image)
+    checkpoint = sr.FitResult.load(path)
+    assert result.interrupted and checkpoint.interrupted
+    np.testing.assert_array_equal(checkpoint.image, result.image)
 
 
 def test_a_second_ctrl_c_during_a_report_ends_the_fit_at_once(tmp_path, monkeypatch):

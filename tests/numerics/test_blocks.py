@@ -70,7 +70,28 @@ def test_derivatives_of_blocks_are_those_of_all_entries_at_once(used):
     np.testing.assert_allclose(tangent, jnp.sum(blocks[0]), rtol=1e-5, atol=1e-5)
 
 
-def test_a_batch_skips_the_differentiable_blocks_that_no_element_uses():
+def test_blocks_add_their_derivatives_with_respect_to_an_array_that_all_of_them_read():
+    x, _, is_used = _entries(7)
+    index = jnp.arange(10) % 4
+
+    def loss(table, size):
+        def read(entries):
+            index, x, is_used = entries
+            return jnp.where(is_used, table[index] ** 2 * x, 0.0)
+
+        entries = index, x, is_used
+        return jnp.sum(map_differentiable_blocks(read, entries, jnp.asarray(7), size=size))
+
+    table = jnp.arange(1.0, 5.0)
+    expected = np.zeros(4)
+    np.add.at(expected, index[:7], 2 * np.asarray(table[index] * x)[:7])
+    for size in (4, 99):
+        np.testing.assert_allclose(jax.grad(loss)(table, size), expected, rtol=1e-6)
+        _, tangent = jax.jvp(lambda table, size=size: loss(table, size), (table,), (table,))
+        np.testing.assert_allclose(tangent, np.dot(expected, table), rtol=1e-6)
+
+
+def test_batches_have_the_derivatives_of_their_elements():
     x, y, _ = _entries(0)
     used = jnp.asarray([2, 7])
 

@@ -1,6 +1,7 @@
 """Shading a canvas in several blocks of fragments gives the images and gradients of its windows.
 
-A window has so few fragments that they are shaded at once.
+A window has so few fragments that they are shaded at once. Derivatives with respect to texels are
+compared too, which have blocks of another size.
 """
 
 import dataclasses
@@ -69,18 +70,33 @@ def test_gradients_of_windows_sum_to_the_gradient_of_the_canvas(shading):
     weight = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)
 
     def gradient(plan: sr.Plan, weight: np.ndarray) -> list[np.ndarray]:
-        def loss(colors, uv):
-            changed = dataclasses.replace(scene, colors=colors, uv=uv)
+        pyramid = scene.textures
+        assert pyramid is not None
+
+        def loss(colors, uv, texels):
+            textures = dataclasses.replace(pyramid, texels=texels)
+            changed = dataclasses.replace(scene, colors=colors, uv=uv, textures=textures)
             return jnp.sum(weight * sr.render(changed, plan))
 
-        return [np.asarray(g) for g in jax.grad(loss, argnums=(0, 1))(scene.colors, scene.uv)]
+        arguments = scene.colors, scene.uv, pyramid.texels
+        both, texels = (jax.grad(loss, argnums=which)(*arguments) for which in ((0, 1), 2))
+        return [np.asarray(gradient) for gradient in (*both, texels)]
 
     whole = gradient(_plan(scene, shading, None), weight)
     parts = [
         gradient(_plan(scene, shading, origin), part)
         for origin, part in zip(ORIGINS, _windows(weight), strict=True)
     ]
-    for name, actual, *summed in zip(("colors", "uv"), whole, *parts, strict=True):
+    for name, actual, *summed in zip(("colors", "uv", "texels"), whole, *parts, strict=True):
         scale = np.abs(actual).max()
         assert scale > 1
         np.testing.assert_allclose(sum(summed), actual, atol=2e-5 * scale, err_msg=name)
+
+
+def test_blocks_without_fragments_do_not_change_the_image():
+    scene = _scene(perspective=False)
+    plan = _plan(scene, "sample", None)
+    far = dataclasses.replace(scene, positions=scene.positions + jnp.array([[230.0, 0.0]]))
+    tight = _plan(far, "sample", None)
+    assert tight.capacity.fragments <= FRAGMENTS_PER_BLOCK < plan.capacity.fragments
+    np.testing.assert_allclose(sr.render(far, plan), sr.render(far, tight), atol=1e-6)
