@@ -186,17 +186,10 @@ def fit(
         _check_checkpoint(Path(checkpoint))
     limits = Limits.of(began, steps, seconds)
     with jax.enable_x64(False), deferred_interrupt() as interrupt:
-
-        def is_interrupted() -> bool:
-            return interrupt.requested
-
-        def must_start() -> bool:
-            return limits.must_start() or interrupt.requested
-
         weighted = Target(image, choices.prepare_weights(weights, image))
         task = Task(
-            weighted, settings, resume, must_start, masks,
-            is_interrupted=is_interrupted, is_alone=True,
+            weighted, settings, resume, lambda: limits.must_start() or interrupt.requested, masks,
+            is_interrupted=lambda: interrupt.requested, is_alone=True,
         )  # fmt: skip
         result = _fit_to_the_end(task, limits, report, callback, checkpoint, interrupt)
     return replace(result, interrupted=True) if interrupt.requested else result
