@@ -24,8 +24,11 @@ def one_by_one(function: Callable[[Inputs], Result]) -> Callable[[Inputs], Resul
     wrapped function has the same values and derivatives; under `jax.vmap` it is a `jax.lax.map`.
     `jax.grad` of a function that calls `jax.vmap` also goes element after element, and calls the
     function again: storing its intermediate arrays for the complete batch takes longer. `jax.vmap`
-    of a gradient is vectorised as usual.
+    of a gradient is vectorised as usual. On other devices than the CPU, `function` is returned
+    unchanged.
     """
+    if jax.default_backend() != "cpu":
+        return function
 
     def call(inputs: Inputs) -> Result:
         leaves, tree = jax.tree.flatten(inputs)
