@@ -16,26 +16,33 @@ the width of a tile in pixels. `*samples` has all samples of a block (`sample_bl
 """
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..binning.lists import BLOCK, Steps
+from ..binning.blocks import TILES, Blocks, small_blocks
+from ..binning.lists import Steps
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
+from ..numerics.one_by_one import one_by_one
+from ..numerics.rows import Rows
 from ..shading.surface import Surface
-from .over_gradient import TILES, Blocks, color_gradient
-from .sample_blocks import (
-    Layer,
-    ListedPairs,
-    layer_of_block,
+from .block_layers import (
+    gather_layer,
+    pair_rows,
     sum_visible,
     transmittance_behind,
 )
+from .over_gradient import color_gradient
+from .sample_blocks import ListedPairs
+
+Inputs = TypeVar("Inputs")
+"""A tree of arrays."""
 
 
 def composite(
@@ -50,9 +57,7 @@ def composite(
     - `surface`, `pairs`: the triangles, and the entries of the tile lists with their samples.
     - `steps`: the tiles in blocks, with the position of their lists in `pairs`.
     """
-    # The blocks of `steps` are cut into smaller ones, in which the tiles keep their order.
-    assert BLOCK % TILES == 0
-    blocks = Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
+    blocks = small_blocks(steps)
     sums = _composite(tiling, max_list_length, surface.corners.color, surface, pairs, blocks)
     return in_order_of_tiles(sums, steps, tiling)
 
@@ -70,11 +75,27 @@ def _composite(
 
     Differentiable with respect to `colors` only.
     """
-    surface = surface.with_colors(colors)
-    with jax.named_scope("transmittance"):
-        return jax.lax.map(
-            lambda block: _composite_block(surface, pairs, Blocks(*block), tiling), blocks
-        )
+
+    def composite_blocks(inputs: tuple[Array, Surface, ListedPairs, Blocks]) -> Array:
+        colors, surface, pairs, blocks = inputs
+        rows = pair_rows(surface.with_colors(colors), pairs, tiling)
+        with jax.named_scope("transmittance"):
+            return jax.lax.map(
+                lambda block: _composite_block(pairs, rows, Blocks(*block), tiling), blocks
+            )
+
+    return _scene_by_scene(composite_blocks, tiling)((colors, surface, pairs, blocks))
+
+
+def _scene_by_scene(
+    function: Callable[[Inputs], Array], tiling: Tiling
+) -> Callable[[Inputs], Array]:
+    """Wrap a function so that `jax.vmap` calls it for one scene of a batch after another.
+
+    Scenes of few tiles are still processed at once. The blocks of tiles of a whole batch of larger
+    ones would not fit in the cache.
+    """
+    return one_by_one(function) if tiling.rows * tiling.columns > TILES else function
 
 
 @_composite.defjvp
@@ -91,91 +112,58 @@ def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tupl
         )[1]
 
     def backward(fixed: Any, cotangent: Array) -> Array:
-        colors, surface, pairs, blocks = fixed
-        surface = surface.with_colors(colors)
-        return color_gradient(
-            surface, pairs, blocks, cotangent, tiling, max_list_length=max_list_length
-        )
+        def gradient(inputs: Any) -> Array:
+            (colors, surface, pairs, blocks), cotangent = inputs
+            surface = surface.with_colors(colors)
+            return color_gradient(
+                surface, pairs, blocks, cotangent, tiling, max_list_length=max_list_length
+            )
+
+        return _scene_by_scene(gradient, tiling)((fixed, cotangent))
 
     change = linear_map(forward, backward)((colors, surface, pairs, blocks), tangents[0])
     return _composite(tiling, max_list_length, *primals), change
 
 
 def _composite_block(
-    surface: Surface, pairs: ListedPairs, block: Blocks, tiling: Tiling
+    pairs: ListedPairs, rows: Rows, block: Blocks, tiling: Tiling
 ) -> Float[Array, "4 width lines"]:
     """Composite at every sample of one block, and sum premultiplied RGBA over each pixel's samples.
 
     `block` has the tiles of the block and their lists, without the axis of blocks. A line of the
     result is a row of pixels of one tile (`sample_blocks`).
     """
-    dtype = surface.corners.color.dtype
-    tile, start, count = block
-    rate, width, lines = tiling.grid.rate, tiling.width, tile.shape[0] * tiling.height
+    assert rows.floats is not None
+    dtype = rows.floats.dtype
+    rate, width = tiling.grid.rate, tiling.width
+    lines = block.tile.shape[0] * tiling.height
 
     def add_layer(position: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
         transmittance, sums = state
-        layer = layer_of_block(surface, pairs, start + position, position < count, tile, tiling)
-        sums = _add(sums, transmittance, layer, tiling)
-        return transmittance_behind(transmittance, layer, tiling=tiling), sums
+        layer = gather_layer(pairs, rows, block, position, position, tiling=tiling)
+        visible = sum_visible(layer, transmittance, tiling=tiling)
+        sums = _add_layer(sums, visible, layer.line_colors)
+        return transmittance_behind(transmittance, layer, sums, tiling=tiling), sums
 
     clear = jnp.ones((rate, rate, width, lines), dtype)
-    return repeat(jnp.max(count), add_layer, (clear, jnp.zeros((4, width, lines), dtype)))[1]
-
-
-def _add(
-    sums: Float[Array, "4 width lines"],
-    transmittance: Float[Array, "*samples"],
-    layer: Layer,
-    tiling: Tiling,
-) -> Float[Array, "4 width lines"]:
-    """Add the visible part of a layer to the sums of premultiplied RGBA of each pixel.
-
-    `transmittance` is the product of 1 - alpha in front of the layer, at each sample.
-    """
-    if layer.weights is None:
-        return _add_flat(sums, sum_visible(layer, transmittance, tiling=tiling), layer.line_colors)
-    total, second, third = (
-        sum_visible(layer, transmittance, corner=corner, tiling=tiling) for corner in range(3)
-    )
-    return _add_interpolated(sums, total, second, third, layer.line_colors)
+    return repeat(jnp.max(block.count), add_layer, (clear, jnp.zeros((4, width, lines), dtype)))[1]
 
 
 @materialized
-def _add_flat(
+def _add_layer(
     sums: Float[Array, "4 width lines"],
-    total: Float[Array, "width lines"],
-    line_colors: Float[Array, "4 1 lines"],
+    visible: list[Float[Array, "width lines"]],
+    line_colors: Float[Array, "4 corners lines"],
 ) -> Float[Array, "4 width lines"]:
-    """Add a layer with one colour per triangle to the sums of premultiplied RGBA of each pixel.
+    """Add a layer to the sums of premultiplied RGBA of each pixel.
 
-    `total` is the sum of transmittance times alpha over the samples of each pixel that the layer
-    covers. `line_colors` is the triangle's straight RGBA (`Layer`), of which only RGB is used.
-    """
-    return sums + total[None] * line_colors[:, 0].at[3].set(1.0)[:, None]
-
-
-@materialized
-def _add_interpolated(
-    sums: Float[Array, "4 width lines"],
-    total: Float[Array, "width lines"],
-    second: Float[Array, "width lines"],
-    third: Float[Array, "width lines"],
-    line_colors: Float[Array, "4 3 lines"],
-) -> Float[Array, "4 width lines"]:
-    """Add a layer with interpolated colours to the sums of premultiplied RGBA of each pixel.
-
-    Colours are linear in the weights of the corners, so three sums over the samples of each pixel
-    that the layer covers are enough for all channels:
-
-    - `total`: of transmittance times alpha.
-    - `second`, `third`: of transmittance times alpha times the weight of corner 1 or 2.
-
-    `line_colors` is the corners' straight RGBA (`Layer`), of which only RGB is used.
+    Colours are linear in the weights of the corners, so one sum for each corner is enough for all
+    channels: `visible` is the result of `sum_visible`. `line_colors` is the corners' straight RGBA
+    (`Layer`), of which only RGB is used.
     """
     corners = line_colors.at[3].set(1.0)[:, :, None]
-    for k, corner_sum in enumerate((total - second - third, second, third)):
-        sums = sums + corner_sum[None] * corners[:, k]
+    for corner, total in enumerate(visible):
+        sums = sums + total[None] * corners[:, corner]
     return sums
 
 

@@ -26,39 +26,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..binning.blocks import SEGMENT, TILES, Blocks, entries_at
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
+from ..numerics.rows import Rows
 from ..shading.surface import Surface
-from .sample_blocks import (
-    Layer,
-    ListedPairs,
-    alpha_at_samples,
-    coverage_of_all_samples,
-    interpolate_at_samples,
-    layer_of_block,
-    sum_covered,
-    sum_visible,
-    transmittance_behind,
-)
-
-TILES, _SEGMENT = 32, 16
-"""Number of tiles in a block, and number of list entries in a segment. The transmittances of one
-segment of a block take 2 MiB at 16 samples per pixel. Measured with 1,000 triangles at 512 pixels:
-8 tiles take up to twice as long, and so do segments of 8 or of 32 entries."""
-
-
-class Blocks(NamedTuple):
-    """Tiles grouped into blocks of `TILES`, with the list of each tile.
-
-    - `tile`: index of each tile.
-    - `start`, `count`: index of the first entry of the tile's list in the tile lists, and the
-      length of the list.
-    """
-
-    tile: Int[Array, "*blocks block"]
-    start: Int[Array, "*blocks block"]
-    count: Int[Array, "*blocks block"]
+from .block_layers import Layer, gather_layer, pair_rows, transmittance_behind
+from .layer_gradient import step_back
+from .sample_blocks import ListedPairs
 
 
 class GradientState(NamedTuple):
@@ -66,11 +42,13 @@ class GradientState(NamedTuple):
 
     - `pair_gradient`: gradient with respect to the corner colours of each listed pair, a triangle
       in a tile. Entries are red, green, blue and alpha of each corner in turn.
+    - `step_gradient`: the same for the pairs that each step through one segment visits.
     - `segment_transmittance`: transmittance in front of each segment of the lists of a block.
     - `layer_transmittance`: transmittance in front of each layer of one segment.
     """
 
-    pair_gradient: Float[Array, "entries pairs"]
+    pair_gradient: Float[Array, "pairs entries"]
+    step_gradient: Float[Array, "steps entries block"]
     segment_transmittance: Float[Array, "segments *samples"]
     layer_transmittance: Float[Array, "positions *samples"]
 
@@ -92,16 +70,18 @@ def color_gradient(
     colors = surface.corners.color
     corners, _, triangles = colors.shape
     block_samples = (tiling.grid.rate, tiling.grid.rate, tiling.width, TILES * tiling.height)
-    segments = -(-max_list_length // _SEGMENT)
+    segments = -(-max_list_length // SEGMENT)
     state = GradientState(
-        jnp.zeros((corners * 4, pairs.triangle.shape[0]), colors.dtype),
+        jnp.zeros((pairs.triangle.shape[0], corners * 4), colors.dtype),
+        jnp.zeros((SEGMENT, corners * 4, TILES), colors.dtype),
         jnp.zeros((segments, *block_samples), colors.dtype),
-        jnp.zeros((_SEGMENT, *block_samples), colors.dtype),
+        jnp.zeros((SEGMENT, *block_samples), colors.dtype),
     )
+    rows = pair_rows(surface, pairs, tiling)
 
     def visit_block(number: Int[Array, ""], state: GradientState) -> GradientState:
         block = Blocks(*(entry[number] for entry in blocks))
-        return _add_block(_BlockLists(surface, pairs, block), cotangent[number], state, tiling)
+        return _add_block(_BlockLists(pairs, rows, block), cotangent[number], state, tiling)
 
     count = jnp.asarray(blocks.tile.shape[0], jnp.int32)
     pair_gradient = repeat(count, visit_block, state).pair_gradient
@@ -112,22 +92,28 @@ def color_gradient(
 class _BlockLists(NamedTuple):
     """The lists of one block of tiles, and the data of their entries.
 
-    - `surface`, `pairs`: all triangles, and the entries of the lists of all tiles.
+    - `pairs`, `rows`: the entries of the lists of all tiles.
     - `block`: the tiles of the block and their lists, without the axis of blocks.
     """
 
-    surface: Surface
     pairs: ListedPairs
+    rows: Rows
     block: Blocks
 
-    def layer(self, position: Int[Array, ""], is_used: Bool[Array, ""], tiling: Tiling) -> Layer:
-        """Gather the layer at one position, counted from 0, of all lists of the block.
+    def layer(
+        self,
+        position: Int[Array, ""],
+        step: Int[Array, ""],
+        is_used: Bool[Array, ""],
+        tiling: Tiling,
+    ) -> Layer:
+        """Gather the layer at one position of the lists, which covers nothing if it is not used.
 
-        The layer covers nothing if `is_used` is false, nor in tiles whose lists are shorter.
+        `step` is as in `on_one_core`.
         """
-        tile, start, count = self.block
-        is_valid = is_used & (position < count)
-        return layer_of_block(self.surface, self.pairs, start + position, is_valid, tile, tiling)
+        return gather_layer(
+            self.pairs, self.rows, self.block, position, step, is_used, tiling=tiling
+        )
 
 
 def _add_block(
@@ -142,9 +128,9 @@ def _add_block(
     gradients.
     """
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
-    capacity = state.segment_transmittance.shape[0] * _SEGMENT
+    capacity = state.segment_transmittance.shape[0] * SEGMENT
     block_list_length = jnp.minimum(jnp.max(lists.block.count), capacity)
-    segments = -(-block_list_length // _SEGMENT)
+    segments = -(-block_list_length // SEGMENT)
     ones = jnp.ones_like(state.layer_transmittance[0])
     first_filled = _put(state.segment_transmittance, ones, jnp.zeros((), jnp.int32))
     fill_next = functools.partial(_pass_segment, lists, tiling)
@@ -175,11 +161,11 @@ def _pass_segment(
     def pass_layer(
         k: Int[Array, ""], transmittance: Float[Array, "*samples"]
     ) -> Float[Array, "*samples"]:
-        layer = lists.layer(segment * _SEGMENT + k, jnp.ones((), bool), tiling)
+        layer = lists.layer(segment * SEGMENT + k, k, jnp.ones((), bool), tiling)
         return transmittance_behind(transmittance, layer, tiling=tiling)
 
     transmittance = repeat(
-        jnp.asarray(_SEGMENT, jnp.int32), pass_layer, segment_transmittance[segment]
+        jnp.asarray(SEGMENT, jnp.int32), pass_layer, segment_transmittance[segment]
     )
     return _put(segment_transmittance, transmittance, segment + 1)
 
@@ -203,195 +189,70 @@ def _add_segment(
     Returns the state with these gradients, and the value behind the segment in front of this one.
     """
     state, value_behind = carry
-    first = segment * _SEGMENT
-    length = jnp.clip(block_list_length - first, 0, _SEGMENT)
+    first = segment * SEGMENT
+    length = jnp.clip(block_list_length - first, 0, SEGMENT)
 
     def store_layer(
         k: Int[Array, ""], carry: tuple[Array, Array]
     ) -> tuple[Float[Array, "*samples"], Float[Array, "positions *samples"]]:
         transmittance, layer_transmittance = carry
-        layer = lists.layer(first + k, segment >= 0, tiling)
+        layer = lists.layer(first + k, k, segment >= 0, tiling)
         filled = _put(layer_transmittance, transmittance, k)
-        return transmittance_behind(transmittance, layer, tiling=tiling), filled
+        return transmittance_behind(transmittance, layer, filled, tiling=tiling), filled
 
     in_front_of_segment = state.segment_transmittance[jnp.maximum(segment, 0)]
     initial = (in_front_of_segment, state.layer_transmittance)
     _, layer_transmittance = repeat(length, store_layer, initial)
 
+    def position_of(step: Int[Array, "*steps"]) -> Int[Array, "*steps"]:
+        # Negative in the further steps that a batch may take, and if the segment is.
+        k = length - 1 - step
+        return jnp.where((segment >= 0) & (k >= 0), first + k, -1)
+
     def visit_layer(
         step: Int[Array, ""], carry: tuple[Array, Array]
-    ) -> tuple[Float[Array, "entries pairs"], Float[Array, "*samples"]]:
-        pair_gradient, value_behind = carry
-        # Negative in the further steps that a batch may take, like the segment.
-        k = length - 1 - step
-        is_used = (segment >= 0) & (k >= 0)
-        layer = lists.layer(first + k, is_used, tiling)
-        values = _corner_values(layer.line_colors, cotangent)
-        transmittance = layer_transmittance[jnp.maximum(k, 0)]
-        gradient = _layer_gradient(layer, transmittance, values, value_behind, cotangent, tiling)
-        is_valid = is_used & (first + k < lists.block.count)
-        pair = jnp.where(is_valid, layer.pair, pair_gradient.shape[1])
-        pair_gradient = pair_gradient.at[:, pair].set(gradient, mode="drop")
-        return pair_gradient, _add_behind(value_behind, layer, values, tiling=tiling)
+    ) -> tuple[Float[Array, "steps entries block"], Float[Array, "*samples"]]:
+        step_gradient, value_behind = carry
+        position = position_of(step)
+        layer = lists.layer(position, step, position >= 0, tiling)
+        transmittance = layer_transmittance[jnp.maximum(length - 1 - step, 0)]
+        gradient, value_behind = step_back(
+            layer, transmittance, value_behind, cotangent, tiling=tiling
+        )
+        return _put(step_gradient, gradient, step), value_behind
 
-    pair_gradient, value_behind = repeat(length, visit_layer, (state.pair_gradient, value_behind))
-    state = GradientState(pair_gradient, state.segment_transmittance, layer_transmittance)
+    step_gradient, value_behind = repeat(length, visit_layer, (state.step_gradient, value_behind))
+    positions = position_of(jnp.arange(SEGMENT, dtype=jnp.int32))
+    pair, exists = entries_at(lists.block, positions)
+    pair = jnp.where(exists, pair, state.pair_gradient.shape[0])
+    of_pairs = step_gradient.swapaxes(1, 2)
+    state = GradientState(
+        state.pair_gradient.at[pair].set(of_pairs, mode="drop"),
+        step_gradient,
+        state.segment_transmittance,
+        layer_transmittance,
+    )
     return state, value_behind
 
 
 def _put(
-    transmittances: Float[Array, "positions *samples"],
-    transmittance: Float[Array, "*samples"],
+    all_values: Float[Array, "positions *values"],
+    values: Float[Array, "*values"],
     position: Int[Array, ""],
-) -> Float[Array, "positions *samples"]:
-    """Write the transmittances of all samples at one position into the array of all positions.
+) -> Float[Array, "positions *values"]:
+    """Write the values at one position into the array of the values at all positions.
 
     Not `materialized`, because this would copy the whole array.
     """
-    return jax.lax.dynamic_update_index_in_dim(transmittances, transmittance, position, 0)
-
-
-@materialized
-def _corner_values(
-    line_colors: Float[Array, "4 corners lines"], cotangent: Float[Array, "4 width lines"]
-) -> Float[Array, "corners width lines"]:
-    """Compute the dot product of each corner's colour and the cotangent of each pixel.
-
-    The colour is (red, green, blue, 1). The result is W of the corners, in the symbols of this
-    file.
-    """
-    color = line_colors.at[3].set(1.0)[:, :, None]
-    channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
-    return channels[0] + channels[1] + channels[2] + channels[3]
-
-
-@functools.partial(materialized, static_argnames=("tiling",))
-def _add_behind(
-    value_behind: Float[Array, "*samples"],
-    layer: Layer,
-    corner_values: Float[Array, "corners width lines"],
-    *,
-    tiling: Tiling,
-) -> Float[Array, "*samples"]:
-    """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample.
-
-    R is the value that the top of this file defines. Where the layer covers the sample, R_(k-1) is
-    R_k + alpha (W - R_k), with W interpolated from `corner_values` (`_corner_values`); elsewhere it
-    is R_k.
-    """
-    coverage = coverage_of_all_samples(layer.words, tiling, value_behind.dtype)
-    opacity = coverage * alpha_at_samples(layer)
-    return value_behind + opacity * _value_difference(layer, corner_values, value_behind)
-
-
-def _value_difference(
-    layer: Layer,
-    corner_values: Float[Array, "corners width lines"],
-    value_behind: Float[Array, "*samples"],
-) -> Float[Array, "*samples"]:
-    """Compute W_k - R_k of a layer k at each sample, in the symbols of this file.
-
-    W_k is interpolated from `corner_values`, which are as returned by `_corner_values`.
-    `value_behind` is R_k.
-    """
-    return interpolate_at_samples(layer.weights, corner_values) - value_behind
-
-
-@functools.partial(materialized, static_argnames=("tiling", "corner"))
-def _sum_alpha_derivatives(
-    layer: Layer,
-    transmittance: Float[Array, "*samples"],
-    corner_values: Float[Array, "corners width lines"],
-    value_behind: Float[Array, "*samples"],
-    *,
-    corner: int,
-    tiling: Tiling,
-) -> Float[Array, "width lines"]:
-    """Sum the derivative with respect to a layer's alpha over the samples that the layer covers.
-
-    The result has one sum for each pixel. The derivative at a sample is `transmittance` times
-    (W - `value_behind`), with W interpolated from `corner_values`. With `corner` 1 or 2, it is
-    multiplied by the weight of this corner. With 0 it is not.
-    """
-    gains = transmittance * _value_difference(layer, corner_values, value_behind)
-    return sum_covered(layer, gains, corner, tiling)
-
-
-def _layer_gradient(
-    layer: Layer,
-    transmittance: Float[Array, "*samples"],
-    corner_values: Float[Array, "corners width lines"],
-    value_behind: Float[Array, "*samples"],
-    cotangent: Float[Array, "4 width lines"],
-    tiling: Tiling,
-) -> Float[Array, "entries block"]:
-    """Compute the gradient with respect to the corner colours of a layer's triangle, for each tile.
-
-    Entries are red, green, blue and alpha of each corner in turn.
-
-    - `transmittance`: transmittance in front of the layer.
-    - `corner_values`: dot product of each corner's colour and the pixel's cotangent.
-    - `value_behind`: composite of all layers behind, with such dot products in place of colours.
-    - `cotangent`: cotangent of the sums of RGBA of each pixel.
-    """
-    corners = range(layer.line_colors.shape[1])
-    by_alpha = [
-        _sum_alpha_derivatives(
-            layer, transmittance, corner_values, value_behind, corner=corner, tiling=tiling
-        )
-        for corner in corners
-    ]
-    visible = [
-        sum_visible(layer, transmittance, corner=corner, tiling=tiling) for corner in corners
-    ]
-    if layer.weights is not None:
-        by_alpha, visible = _split_by_corner(*by_alpha), _split_by_corner(*visible)
-    return _sum_tiles(by_alpha, visible, cotangent, height=tiling.height)
-
-
-def _split_by_corner(
-    total: Float[Array, "width lines"],
-    second: Float[Array, "width lines"],
-    third: Float[Array, "width lines"],
-) -> list[Float[Array, "width lines"]]:
-    """Compute the sums weighted with each of the three corner weights, which add up to 1.
-
-    `total` is the unweighted sum. `second` and `third` are weighted with corners 1 and 2.
-    """
-    return [total - second - third, second, third]
-
-
-@functools.partial(materialized, static_argnames=("height",))
-def _sum_tiles(
-    by_alpha: list[Float[Array, "width lines"]],
-    visible: list[Float[Array, "width lines"]],
-    cotangent: Float[Array, "4 width lines"],
-    *,
-    height: int,
-) -> Float[Array, "entries block"]:
-    """Sum the gradient with respect to the corner colours over the pixels of each tile.
-
-    Entries are red, green, blue and alpha of each corner in turn.
-
-    - `by_alpha`: for each corner, what each pixel adds to the derivative with respect to the
-      corner's alpha.
-    - `visible`: for each corner, the sum of transmittance times alpha times the corner's weight
-      over the samples of each pixel.
-    - `height`: number of lines (rows of pixels) of a tile.
-    """
-    rows = []
-    for alpha_gradient, visible_sum in zip(by_alpha, visible, strict=True):
-        rows.extend([*(cotangent[:3] * visible_sum[None]), alpha_gradient])
-    entries = jnp.stack(rows)
-    return jnp.sum(entries.reshape(*entries.shape[:2], -1, height), (1, 3))
+    return jax.lax.dynamic_update_index_in_dim(all_values, values, position, 0)
 
 
 def _sum_pairs(
-    pair_gradient: Float[Array, "entries pairs"], triangle: Int[Array, " pairs"], triangles: int
+    pair_gradient: Float[Array, "pairs entries"], triangle: Int[Array, " pairs"], triangles: int
 ) -> Float[Array, "entries triangles"]:
     """Sum the gradients of all listed pairs of each triangle, over the tiles that list it.
 
     `triangle` is the triangle of each pair, and `triangles` the number of all triangles.
     """
-    zeros = jnp.zeros((pair_gradient.shape[0], triangles), pair_gradient.dtype)
-    return zeros.at[:, triangle].add(pair_gradient, mode="drop")
+    zeros = jnp.zeros((pair_gradient.shape[1], triangles), pair_gradient.dtype)
+    return zeros.at[:, triangle].add(pair_gradient.T, mode="drop")

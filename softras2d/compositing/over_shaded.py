@@ -26,7 +26,7 @@ from ..shading.triangle_color import shade
 from .over import in_order_of_tiles
 from .sample_blocks import (
     ListedPairs,
-    coverage_of_all_samples,
+    covers_samples,
     gather_block_words,
     sample_positions,
     sum_where_covered,
@@ -63,6 +63,7 @@ def composite_shaded(
             pairs,
             (transmittance, sums),
             steps.start[block] + position,
+            step_number,
             is_valid,
             steps.tile[block],
             tiling,
@@ -94,6 +95,7 @@ def _blend(
     pairs: ListedPairs,
     state: tuple[Float[Array, "*samples"], Float[Array, "4 width lines"]],
     pair: Int[Array, " block"],
+    step: Int[Array, ""],
     is_valid: Bool[Array, " block"],
     tile: Int[Array, " block"],
     tiling: Tiling,
@@ -103,10 +105,14 @@ def _blend(
 
     Returns the next state. A state is the transmittance at each sample, and the sums of
     premultiplied RGBA of each pixel. `pair` is the index in the tile lists of each tile's entry,
-    and `is_valid` says whether the tile has this entry. `shading` is as in `Hard.shading`.
+    and `is_valid` says whether the tile has this entry. `step` is as in `on_one_core`. `shading` is
+    as in `Hard.shading`.
     """
     transmittance, sums = state
-    passed, covered = (gather_block_words(words, pair, is_valid) for words in pairs[1:])
+    passed, covered = (
+        gather_block_words(words, pair, is_valid, step, tiling=tiling)
+        for words in (pairs.passed, pairs.covered)
+    )
     triangle = pairs.triangle.at[pair].get(mode="clip")
     color = _shade_block(surface, covered, triangle, tile, tiling, shading)
     visible = [_sum_visible(passed, transmittance, channel, tiling=tiling) for channel in color]
@@ -141,7 +147,7 @@ def _transmittance_behind(
 
     `words` are coverage words, one for each sub-row of each line (`sample_blocks`).
     """
-    return transmittance * (1.0 - alpha * coverage_of_all_samples(words, tiling, alpha.dtype))
+    return jnp.where(covers_samples(words, tiling), transmittance * (1.0 - alpha), transmittance)
 
 
 def _shade_block(

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from ..binning.lists import Chunks
 from ..compositing import deferred_shading, opaque, over
 from ..compositing.over_shaded import composite_shaded
-from ..compositing.sample_blocks import list_pairs
+from ..compositing.sample_blocks import ListedPairs
 from ..geometry.barycentric import Weights, slot_weights
 from ..geometry.tiling import Tiling
 from ..gradients.boundary_term import with_boundary_term
@@ -127,7 +127,7 @@ def _composite_translucent(
     assert steps is not None
     tiling, shading = plan.tiling, plan.hard.shading
     covered, passed = listed_words(binned, plan)
-    pairs = list_pairs(lists.triangle, passed, covered, tiling)
+    pairs = ListedPairs(lists.triangle, lists.tile, passed, covered)
     if is_shaded(scene, shading):
         sums = composite_shaded(projected.surface, pairs, steps, tiling, shading=shading)
     else:
