@@ -19,10 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from ..binning.blocks import SEGMENT, TILES, Blocks, entries_from_end, small_blocks
 from ..binning.lists import Steps
 from ..binning.tiles import TileLists
 from ..geometry.barycentric import (
-    Weights,
     interpolate_corners,
     slot_weights,
     twice_area,
@@ -31,7 +31,12 @@ from ..geometry.barycentric import (
 from ..geometry.fixed_point import Edges
 from ..geometry.guard_band import WeightPlanes
 from ..geometry.tiling import Tiling
+from ..geometry.wrapped_value import WrappedValue
+from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
+from ..numerics.one_by_one import one_by_one
+from ..numerics.one_core import on_one_core
+from ..numerics.rows import Columns, Rows, pack_rows
 from .sampled import gather_words, row_order
 
 
@@ -60,132 +65,194 @@ def keep_nearest(
     - `depths`: depth of all triangles.
     - `words`: the coverage words (`sampled`) of each entry of `lists`, which is a pair of a
       triangle and a tile: one word for each row of samples of the tile.
-    - `steps`: the order in which the entries of `lists` are visited. Each list is visited in draw
-      order. A triangle passes at a sample if it lies no deeper than every triangle that was drawn
-      there before.
+    - `steps`: the tiles of `lists` in blocks. Each list is visited in draw order. A triangle passes
+      at a sample if it lies no deeper than every triangle that was drawn there before.
 
-    Returns words of the same layout. Entries that no step visits get words of 0.
+    Returns words of the same layout. Entries that no step visits get words of 0. Not
+    differentiable.
     """
-    dtype = depths.depth.dtype
-    area = materialized(functools.partial(twice_area, dtype=dtype))(depths.edges)
+    test = functools.partial(_keep_nearest, tiling=tiling)
+    inputs = jax.lax.stop_gradient(depths), words, lists, steps
+    # Blocks of tiles of a whole batch do not fit in the cache.
+    if lists.count.shape[0] > TILES:
+        test = one_by_one(test)
+    return test(inputs)
 
-    def visit(least: Array, step: tuple[Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        number, block, position = step
-        is_first, count = position == 0, steps.count[block]
-        # Lists run in reverse draw order: the last entry was drawn first.
-        pair = steps.start[block] + count - 1 - position
-        is_valid = (position < count) & (number < steps.needed)
-        triangle = lists.triangle.at[pair].get(mode="clip")
-        covered = _gather_words(words, pair, is_valid)
-        depth = _depth_at_samples(
-            *_gather_corners(depths, area, triangle, steps.tile[block], tiling), tiling
-        )
-        passed = _test(depth, least, is_first, covered)
-        passed_words = _pack(passed), jnp.where(is_valid, pair, words.shape[0])
-        return _update_least(least, is_first, depth, passed), passed_words
+
+def _keep_nearest(
+    inputs: tuple[Depths, UInt32[Array, "pairs rows"], TileLists, Steps], tiling: Tiling
+) -> UInt32[Array, "pairs rows"]:
+    """Compute `keep_nearest`, for one element of a batch or for all at once."""
+    depths, words, lists, steps = inputs
+    blocks = small_blocks(steps)
+    rows = pack_rows(_terms(depths, lists.triangle, lists.tile, tiling=tiling))
+
+    def visit_block(number: Int[Array, ""], passed_words: Array) -> Array:
+        block = Blocks(*(entry[number] for entry in blocks))
+        return _test_block(words, rows, block, passed_words, tiling)
 
     with jax.named_scope("depth_test"):
-        numbers = jnp.arange(steps.block.shape[0], dtype=jnp.int32)
-        lines = steps.tile.shape[1] * tiling.sample_rows
-        least = jnp.zeros((tiling.sample_columns, lines), dtype)
-        inputs = (numbers, steps.block, steps.position)
-        _, (passed_words, pair) = jax.lax.scan(visit, least, inputs)
-        passed_words = passed_words.reshape(-1, tiling.sample_rows)
-        return jnp.zeros_like(words).at[pair.reshape(-1)].set(passed_words, mode="drop")
+        block_count = jnp.asarray(blocks.tile.shape[0], jnp.int32)
+        return repeat(block_count, visit_block, jnp.zeros_like(words))
 
 
-@materialized
-def _gather_words(
-    words: UInt32[Array, "pairs rows"], pair: Int[Array, " block"], is_valid: Bool[Array, " block"]
-) -> UInt32[Array, " lines"]:
-    """Gather the coverage words of one pair for each tile of a block, as one flat array.
+class _Terms(NamedTuple):
+    """Numbers from which the depth of a triangle at the samples of a tile is computed.
 
-    Each word is a line, which is a row of samples in one tile. The lines of the first tile come
-    first. Words are 0 for a tile whose list has ended (`is_valid` is false).
+    The edge value opposite corner 1 or 2 is `start`, plus a multiple of `right` and of `down`, plus
+    `high`, in floats. All other fields are those of `barycentric.Weights` and `Depths.depth`.
     """
-    return gather_words(words, pair, is_valid).reshape(-1)
+
+    start: Int[Array, "2 entries"]
+    right: Int[Array, "2 entries"]
+    down: Int[Array, "2 entries"]
+    high: Float[Array, "2 entries"]
+    fraction: Float[Array, "2 entries"]
+    per_value: Float[Array, " entries"]
+    offset: Float[Array, " entries"]
+    plane: Float[Array, "3 2 entries"] | None
+    is_far: Bool[Array, " entries"] | None
+    depth: Float[Array, "3 entries"]
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
-def _gather_corners(
-    depths: Depths,
-    area: Float[Array, " triangles"],
-    triangle: Int[Array, " block"],
-    tile: Int[Array, " block"],
-    tiling: Tiling,
-) -> tuple[Weights, Float[Array, "3 block"]]:
-    """Gather the barycentric weights and the corner depths of one triangle per tile of a block.
-
-    The weights are functions of the sample (`barycentric.Weights`). `triangle` is the index of the
-    triangle that is visited in each `tile` of the block, and `area` the result of `twice_area` for
-    all triangles.
-    """
+def _terms(
+    depths: Depths, triangle: Int[Array, " pairs"], tile: Int[Array, " pairs"], *, tiling: Tiling
+) -> _Terms:
+    """Compute `_Terms` for each listed pair of a triangle and a tile."""
+    area = twice_area(depths.edges, depths.depth.dtype)
     weights = slot_weights(depths.edges, area, triangle, tile, tiling, depths.planes)
-    return weights, depths.depth[:, triangle]
+    right, down, start, estimate, fraction = weights.edges
+    start, high = WrappedValue(start, estimate).split()
+    return _Terms(
+        start,
+        right,
+        down,
+        high.astype(area.dtype),
+        fraction,
+        *weights[1:],
+        depths.depth[:, triangle],
+    )
+
+
+def _test_block(
+    words: UInt32[Array, "pairs rows"],
+    rows: Rows,
+    block: Blocks,
+    passed_words: UInt32[Array, "pairs rows"],
+    tiling: Tiling,
+) -> UInt32[Array, "pairs rows"]:
+    """Test the triangles in the lists of one block of tiles; write the words of those that pass.
+
+    - `words`, `rows`: coverage words and `_Terms` of all entries of the lists.
+    - `passed_words`: the result for the blocks before this one, 0 for all other entries.
+    """
+    count = jnp.max(block.count)
+    lines = TILES * tiling.sample_rows
+
+    def visit_segment(
+        segment: Int[Array, ""], state: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        first = segment * SEGMENT
+
+        def visit(k: Int[Array, ""], state: tuple[Array, Array]) -> tuple[Array, Array]:
+            least, passed_in_segment = state
+            covered, columns = _gather_entry(words, rows, block, first + k, tiling=tiling)
+            depth = on_one_core(functools.partial(_depth_at_samples, tiling=tiling), k, columns)
+            passed = _test(depth, least, covered)
+            passed_in_segment = jax.lax.dynamic_update_index_in_dim(passed_in_segment, passed, k, 0)
+            return _update_least(least, depth, passed), passed_in_segment
+
+        least, passed_in_segment, passed_words = state
+        length = jnp.clip(count - first, 0, SEGMENT)
+        least, passed_in_segment = repeat(length, visit, (least, passed_in_segment))
+        pair, exists = entries_from_end(block, first + jnp.arange(SEGMENT, dtype=jnp.int32))
+        pair = jnp.where(exists, pair, words.shape[0])
+        of_pairs = passed_in_segment.reshape(SEGMENT, TILES, -1)
+        return least, passed_in_segment, passed_words.at[pair].set(of_pairs, mode="drop")
+
+    assert rows.floats is not None
+    least = jnp.full((tiling.sample_columns, lines), jnp.inf, rows.floats.dtype)
+    passed_in_segment = jnp.zeros((SEGMENT, lines), words.dtype)
+    state = least, passed_in_segment, passed_words
+    return repeat(-(-count // SEGMENT), visit_segment, state)[2]
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
-def _depth_at_samples(
-    weights: Weights, corner_depth: Float[Array, "3 block"], tiling: Tiling
-) -> Float[Array, "sample_columns lines"]:
+def _gather_entry(
+    words: UInt32[Array, "pairs rows"],
+    rows: Rows,
+    block: Blocks,
+    position: Int[Array, ""],
+    *,
+    tiling: Tiling,
+) -> tuple[UInt32[Array, " lines"], Columns]:
+    """Gather the coverage words and the `_Terms` of one entry of the list of each tile.
+
+    `position` counts entries from the end of the lists, so that triangles come in draw order. Words
+    are 0 for a tile whose list has ended.
+    """
+
+    def gather(words: Array, pair: Array, is_valid: Array) -> UInt32[Array, " lines"]:
+        return gather_words(words, pair, is_valid).reshape(-1)
+
+    pair, is_valid = materialized(entries_from_end)(block, position)
+    columns = rows.gather(pair, position, repeats=tiling.sample_rows)
+    return on_one_core(gather, position, words, pair, is_valid), columns
+
+
+def _depth_at_samples(columns: Columns, tiling: Tiling) -> Float[Array, "sample_columns lines"]:
     """Compute the depth of one triangle per tile at every sample of a block of tiles.
 
-    - `weights`: barycentric weights of each tile's triangle, as functions of the sample.
-    - `corner_depth`: depth of corners 0, 1 and 2 of each tile's triangle.
-
-    A line of the result is a row of samples in one tile. Lines go tile by tile, and the rows of a
-    tile are in `sampled.row_order`.
+    `columns` has the `_Terms` of each line's tile. A line of the result is a row of samples in one
+    tile. Lines go tile by tile, and the rows of a tile are in `sampled.row_order`. Depths equal
+    those of `weights_and_depth`; where edge values exceed 2^30, they may differ by roundings.
     """
-    repeat = functools.partial(jnp.repeat, repeats=tiling.sample_rows)
-    weights = weights.map_slots(lambda entry: repeat(entry)[None])
-    corner_depth = jax.vmap(repeat)(corner_depth)[:, None]
-    shape = (tiling.sample_columns, corner_depth.shape[-1])
-    down = jnp.tile(row_order(tiling), shape[1] // tiling.sample_rows)
-    across = jax.lax.broadcasted_iota(jnp.int32, shape, 0)
-    down = jnp.broadcast_to(down[None], shape)
-    _, second, third = weight_sums(weights, jnp.ones_like(across), across, down)
-    return interpolate_corners(corner_depth, second, third)
+    terms: _Terms = columns.unpack()
+    dtype, lines = terms.depth.dtype, terms.depth.shape[-1]
+    across = jax.lax.broadcasted_iota(jnp.int32, (tiling.sample_columns, lines), 0)
+    down = jnp.tile(row_order(tiling), lines // tiling.sample_rows)
+    weights = []
+    for corner in range(2):
+        first = terms.start[corner] + terms.down[corner] * down
+        value = (first[None] + terms.right[corner][None] * across).astype(dtype)
+        exact = value + terms.high[corner][None] + terms.fraction[corner][None]
+        weight = exact * terms.per_value[None] + terms.offset[None]
+        if terms.plane is not None and terms.is_far is not None:
+            start, right, step = terms.plane[:, corner, None]
+            plane = start + across.astype(dtype) * right + down[None].astype(dtype) * step
+            weight = jnp.where(terms.is_far[None], jnp.clip(plane, 0.0, 1.0), weight)
+        weights.append(weight)
+    return interpolate_corners(terms.depth[:, None], *weights)
 
 
 @materialized
 def _test(
     depth: Float[Array, "sample_columns lines"],
     least: Float[Array, "sample_columns lines"],
-    is_first: Bool[Array, ""],
     words: UInt32[Array, " lines"],
-) -> Bool[Array, "sample_columns lines"]:
+) -> UInt32[Array, " lines"]:
     """Find the samples that a triangle covers and at which it passes the depth test.
 
-    It passes where its `depth` is not greater than `least`, the least depth so far. If `is_first`,
-    a new block of tiles starts, and `least` is ignored. `words` are the coverage words of the
-    triangles, one for each line (`_depth_at_samples`).
+    It passes where its `depth` is not greater than `least`, the least depth so far. `words` are the
+    coverage words of the triangles, one for each line (`_depth_at_samples`). So is the result.
     """
-    column = jax.lax.broadcasted_iota(jnp.uint32, depth.shape, 0)
-    covered = ((words[None] >> column) & jnp.uint32(1)) == 1
-    return covered & (depth <= jnp.where(is_first, jnp.inf, least))
-
-
-@materialized
-def _pack(passed: Bool[Array, "sample_columns lines"]) -> UInt32[Array, " lines"]:
-    """Pack the flags of the samples of each line into a coverage word; sample i is bit i."""
-    word = jnp.zeros(passed.shape[1], jnp.uint32)
-    for i, bit in enumerate(passed):
-        word = word | (bit.astype(jnp.uint32) << jnp.uint32(i))
-    return word
+    bits = [
+        jnp.where(column_depth <= column_least, jnp.uint32(1 << column), jnp.uint32(0))
+        for column, (column_depth, column_least) in enumerate(zip(depth, least, strict=True))
+    ]
+    return words & functools.reduce(jnp.bitwise_or, bits)
 
 
 @materialized
 def _update_least(
     least: Float[Array, "sample_columns lines"],
-    is_first: Bool[Array, ""],
     depth: Float[Array, "sample_columns lines"],
-    passed: Bool[Array, "sample_columns lines"],
+    passed: UInt32[Array, " lines"],
 ) -> Float[Array, "sample_columns lines"]:
-    """Replace the least depth so far, `least`, by `depth` at the samples that passed the test.
-
-    If `is_first`, a new block of tiles starts, and samples that did not pass get infinity.
-    """
-    return jnp.where(passed, depth, jnp.where(is_first, jnp.inf, least))
+    """Replace the least depth so far, `least`, by `depth` at the samples that passed the test."""
+    bit = jnp.uint32(1) << jax.lax.broadcasted_iota(jnp.uint32, (least.shape[0], 1), 0)
+    return jnp.where((passed[None] & bit) != 0, depth, least)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
