@@ -7,7 +7,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
-from ..binning.lists import BLOCK
 from ..geometry.canvas_grid import Grid
 from ..geometry.tiling import Tiling
 from ..names import OnOverflow
@@ -141,7 +140,7 @@ class Plan(eqx.Module):
         fragments += 4 * min(capacity.fragments, FRAGMENTS_PER_BLOCK) * 60
         steps = 0
         if _IN_ORDER & set(self.effects):
-            steps = 4 * tiling.sample_rows * (2 * capacity.pairs + capacity.steps * BLOCK)
+            steps = 4 * tiling.sample_rows * 2 * capacity.pairs
         return lists + fragments + steps
 
     @property
