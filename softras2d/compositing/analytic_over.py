@@ -34,14 +34,14 @@ from .chunks_as_layers import (
     transmittance_in_front,
 )
 
-Opacities = Float[Array, "chunks slots pixels"]
+Opacities = Float[Array, "chunks chunk_slots pixels"]
 """One number for each slot at each pixel of its tile, such as its opacity: coverage times alpha.
 The pixels of a tile are listed row by row."""
 
-Colors = Float[Array, "chunks slots 3 #pixels"]
+Colors = Float[Array, "chunks chunk_slots 3 #pixels"]
 """Straight RGB of each slot at each pixel; an axis of pixels of length 1 means the same at all."""
 
-Channel = Float[Array, "chunks slots #pixels"]
+Channel = Float[Array, "chunks chunk_slots #pixels"]
 """One channel of `Colors`."""
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]

@@ -90,9 +90,9 @@ class ShadedSlots(NamedTuple):
     - `depth`: depth of the triangle; None if depth is not used.
     """
 
-    opacity: Float[Array, "chunks slots pixels"]
+    opacity: Float[Array, "chunks chunk_slots pixels"]
     color: Float[Array, "chunks slots 3 #pixels"] | CornerColors
-    depth: Float[Array, "chunks slots pixels"] | None
+    depth: Float[Array, "chunks chunk_slots pixels"] | None
 
 
 def shade_slots(
