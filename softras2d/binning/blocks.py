@@ -5,11 +5,17 @@ of their samples fit a core's cache (`numerics.one_core`). What the steps comput
 kept for a segment of the lists, and then written to the arrays of all entries at once.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 from jaxtyping import Array, Bool, Int
 
+from ..geometry.tiling import Tiling
+from ..numerics.one_by_one import one_by_one
 from .lists import BLOCK, Steps
+
+Inputs = TypeVar("Inputs")
+Result = TypeVar("Result")
 
 TILES, SEGMENT = 16, 16
 """Number of tiles in a block, and number of positions in a segment.
@@ -37,22 +43,26 @@ def small_blocks(steps: Steps) -> Blocks:
     return Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
 
 
+def scene_by_scene(
+    function: Callable[[Inputs], Result], tiling: Tiling
+) -> Callable[[Inputs], Result]:
+    """Wrap a function so that `jax.vmap` calls it for one scene of a batch after another.
+
+    Scenes of few tiles are still processed at once. The blocks of tiles of a whole batch of larger
+    ones would not fit in the cache. `function` is as in `one_by_one`.
+    """
+    return one_by_one(function) if tiling.count > TILES else function
+
+
 def entries_at(
-    block: Blocks, position: Int[Array, "*positions"]
+    block: Blocks, position: Int[Array, "*positions"], *, from_end: bool = False
 ) -> tuple[Int[Array, "*positions block"], Bool[Array, "*positions block"]]:
     """Index in the tile lists of the entry at a position of each list, and whether it exists.
 
-    `block` has no axis of blocks, and positions count from 0.
+    `block` has no axis of blocks. Positions count from 0, from the front of the lists or from their
+    end.
     """
     position = position[..., None]
     start, count = (x.reshape((1,) * (position.ndim - 1) + (-1,)) for x in block[1:])
-    return start + position, (position >= 0) & (position < count)
-
-
-def entries_from_end(
-    block: Blocks, position: Int[Array, "*positions"]
-) -> tuple[Int[Array, "*positions block"], Bool[Array, "*positions block"]]:
-    """Like `entries_at`, but positions count from the end of the lists."""
-    position = position[..., None]
-    start, count = (x.reshape((1,) * (position.ndim - 1) + (-1,)) for x in block[1:])
-    return start + count - 1 - position, (position >= 0) & (position < count)
+    index = start + (count - 1 - position if from_end else position)
+    return index, (position >= 0) & (position < count)

@@ -184,7 +184,10 @@ def alpha_of_chunks(opacity: Opacities) -> ChunkPixels:
 
 @materialized
 def alpha_change_of_chunks(opacity: Opacities, opacity_change: Opacities) -> ChunkPixels:
-    """Compute the jvp of `alpha_of_chunks`; `opacity_change` is the tangent of `opacity`."""
+    """Compute the change of each chunk's alpha that a change of its slots' opacities causes.
+
+    This is the jvp of `alpha_of_chunks`. `opacity_change` is the tangent of `opacity`.
+    """
     transmittance, change = jnp.ones_like(opacity[:, 0]), jnp.zeros_like(opacity[:, 0])
     for k in range(opacity.shape[1]):
         clear = 1.0 - opacity[:, k]
@@ -215,7 +218,7 @@ def opacity_cotangent(
 
 @materialized
 def _dot_with_cotangent(colors: Colors, cotangent: TileColors, chunks: Chunks) -> Opacities:
-    """Compute the dot product of each slot's colour and the pixel's cotangent, at each pixel.
+    """Multiply the colour of each slot with the cotangent of each pixel: their dot product.
 
     The colour is RGBA with alpha 1. `cotangent` is the cotangent of the RGBA of the pixels.
     """
@@ -280,10 +283,10 @@ def _color_cotangent(
     chunks: Chunks,
     cotangent: TileColors,
 ) -> Colors:
-    """Compute the cotangent of each slot's colour, T_i a_i g, from the cotangent g of the pixels.
+    """Compute the cotangent of each slot's colour from that of the pixels.
 
-    T_i is the transmittance in front of the slot, and a_i its opacity. For slots with one colour
-    the result is summed over the pixels.
+    It is T_i a_i g, with the transmittance T_i in front of the slot, its opacity a_i, and the
+    cotangent g of the pixel. For slots with one colour the result is summed over the pixels.
     """
     in_front = transmittance_in_front(alpha, chunks, max_chunks)
     weights = slot_weights(opacity, in_front)

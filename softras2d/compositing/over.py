@@ -16,20 +16,18 @@ the width of a tile in pixels. `*samples` has all samples of a block (`sample_bl
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..binning.blocks import TILES, Blocks, small_blocks
+from ..binning.blocks import Blocks, scene_by_scene, small_blocks
 from ..binning.lists import Steps
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from ..numerics.linear_map import linear_map
-from ..numerics.one_by_one import one_by_one
 from ..numerics.rows import Rows
 from ..shading.surface import Surface
 from .block_layers import (
@@ -40,9 +38,6 @@ from .block_layers import (
 )
 from .over_gradient import color_gradient
 from .sample_blocks import ListedPairs
-
-Inputs = TypeVar("Inputs")
-"""A tree of arrays."""
 
 
 def composite(
@@ -84,18 +79,7 @@ def _composite(
                 lambda block: _composite_block(pairs, rows, Blocks(*block), tiling), blocks
             )
 
-    return _scene_by_scene(composite_blocks, tiling)((colors, surface, pairs, blocks))
-
-
-def _scene_by_scene(
-    function: Callable[[Inputs], Array], tiling: Tiling
-) -> Callable[[Inputs], Array]:
-    """Wrap a function so that `jax.vmap` calls it for one scene of a batch after another.
-
-    Scenes of few tiles are still processed at once. The blocks of tiles of a whole batch of larger
-    ones would not fit in the cache.
-    """
-    return one_by_one(function) if tiling.rows * tiling.columns > TILES else function
+    return scene_by_scene(composite_blocks, tiling)((colors, surface, pairs, blocks))
 
 
 @_composite.defjvp
@@ -119,7 +103,7 @@ def _(tiling: Tiling, max_list_length: int, primals: Any, tangents: Any) -> tupl
                 surface, pairs, blocks, cotangent, tiling, max_list_length=max_list_length
             )
 
-        return _scene_by_scene(gradient, tiling)((fixed, cotangent))
+        return scene_by_scene(gradient, tiling)((fixed, cotangent))
 
     change = linear_map(forward, backward)((colors, surface, pairs, blocks), tangents[0])
     return _composite(tiling, max_list_length, *primals), change

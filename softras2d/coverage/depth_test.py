@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..binning.blocks import SEGMENT, TILES, Blocks, entries_from_end, small_blocks
+from ..binning.blocks import SEGMENT, TILES, Blocks, entries_at, scene_by_scene, small_blocks
 from ..binning.lists import Steps
 from ..binning.tiles import TileLists
 from ..geometry.barycentric import (
@@ -34,7 +34,6 @@ from ..geometry.tiling import Tiling
 from ..geometry.wrapped_value import WrappedValue
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from ..numerics.one_by_one import one_by_one
 from ..numerics.one_core import on_one_core
 from ..numerics.rows import Columns, Rows, pack_rows
 from .sampled import gather_words, row_order
@@ -71,12 +70,8 @@ def keep_nearest(
     Returns words of the same layout. Entries that no step visits get words of 0. Not
     differentiable.
     """
-    test = functools.partial(_keep_nearest, tiling=tiling)
-    inputs = jax.lax.stop_gradient(depths), words, lists, steps
-    # Blocks of tiles of a whole batch do not fit in the cache.
-    if lists.count.shape[0] > TILES:
-        test = one_by_one(test)
-    return test(inputs)
+    test = scene_by_scene(functools.partial(_keep_nearest, tiling=tiling), tiling)
+    return test((jax.lax.stop_gradient(depths), words, lists, steps))
 
 
 def _keep_nearest(
@@ -166,7 +161,8 @@ def _test_block(
         least, passed_in_segment, passed_words = state
         length = jnp.clip(count - first, 0, SEGMENT)
         least, passed_in_segment = repeat(length, visit, (least, passed_in_segment))
-        pair, exists = entries_from_end(block, first + jnp.arange(SEGMENT, dtype=jnp.int32))
+        positions = first + jnp.arange(SEGMENT, dtype=jnp.int32)
+        pair, exists = entries_at(block, positions, from_end=True)
         pair = jnp.where(exists, pair, words.shape[0])
         of_pairs = passed_in_segment.reshape(SEGMENT, TILES, -1)
         return least, passed_in_segment, passed_words.at[pair].set(of_pairs, mode="drop")
@@ -196,7 +192,8 @@ def _gather_entry(
     def gather(words: Array, pair: Array, is_valid: Array) -> UInt32[Array, " lines"]:
         return gather_words(words, pair, is_valid).reshape(-1)
 
-    pair, is_valid = materialized(entries_from_end)(block, position)
+    locate = materialized(functools.partial(entries_at, from_end=True))
+    pair, is_valid = locate(block, position)
     columns = rows.gather(pair, position, repeats=tiling.sample_rows)
     return on_one_core(gather, position, words, pair, is_valid), columns
 

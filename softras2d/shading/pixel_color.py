@@ -51,7 +51,7 @@ class TriangleAttributes(NamedTuple):
 
     @property
     def is_interpolated_only(self) -> bool:
-        """Whether colours are opaque and interpolated on the screen, without any other effect."""
+        """Whether opaque colours, given at the corners, are all that there is to interpolate."""
         is_interpolated_opaque = self.corners.color.shape[:2] == (3, 3)
         attributes = (self.corners.inverse_w, self.textures, self.depth)
         return is_interpolated_opaque and all(attribute is None for attribute in attributes)
@@ -82,7 +82,9 @@ class CornerColors(NamedTuple):
 
 
 class ShadedSlots(NamedTuple):
-    """Opacity, colour and depth of each slot, a triangle in a tile, at the pixels of the tile.
+    """What compositing needs of each slot: opacity, colour and depth at the pixels of its tile.
+
+    A slot is a triangle in a tile. A chunk is a few slots of the same tile.
 
     - `opacity`: coverage times alpha, 0..1.
     - `color`: straight RGB; the axis of pixels has length 1 if each slot has one colour. A
@@ -91,7 +93,7 @@ class ShadedSlots(NamedTuple):
     """
 
     opacity: Float[Array, "chunks chunk_slots pixels"]
-    color: Float[Array, "chunks slots 3 #pixels"] | CornerColors
+    color: Float[Array, "chunks chunk_slots 3 #pixels"] | CornerColors
     depth: Float[Array, "chunks chunk_slots pixels"] | None
 
 
@@ -166,9 +168,9 @@ def _gather_triangles(tree: Tree, triangle: Int[Array, " slots"]) -> Tree:
 def _interpolate_depth(
     on_screen: CornerWeights, depth: Float[Array, "3 slots 1"]
 ) -> Float[Array, "slots pixels"]:
-    """Interpolate the depths of the corners at each pixel; depth is affine on the screen.
+    """Compute the depth of each slot's triangle at each pixel, from the depths of its corners.
 
-    `on_screen` are the barycentric weights at each pixel.
+    Depth is affine on the screen. `on_screen` are the barycentric weights at each pixel.
     """
     return interpolate(on_screen, depth[:, None])[0]
 

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softras2d.binning.blocks import TILES, Blocks, entries_at, entries_from_end, small_blocks
+from softras2d.binning.blocks import TILES, Blocks, entries_at, small_blocks
 from softras2d.binning.lists import cut_steps
 from softras2d.binning.tiles import TileLists
 
@@ -21,7 +21,7 @@ def block_of(counts: list[int]) -> Blocks:
 def test_entries_are_those_of_the_lists(counts):
     block, positions = block_of(counts), range(-1, 6)
     from_front = entries_at(block, jnp.asarray(positions, jnp.int32))
-    from_end = entries_from_end(block, jnp.asarray(positions, jnp.int32))
+    from_end = entries_at(block, jnp.asarray(positions, jnp.int32), from_end=True)
     for row, position in enumerate(positions):
         start = 0
         for tile, count in enumerate(counts):
