@@ -73,7 +73,8 @@ def wait_for_picture(page: Any) -> None:
     # The page reacts to a key within one frame; only then does its state change.
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
     wait_for(lambda: state_of(page) in ("exact", "error"), "a picture")
-    assert state_of(page) == "exact", page.locator(".sr-status").inner_text()
+    # A page that watches a fit may be waiting for its next picture already.
+    assert state_of(page) != "error", page.locator(".sr-status").inner_text()
 
 
 def state_of(page: Any) -> str:
