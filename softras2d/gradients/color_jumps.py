@@ -29,21 +29,23 @@ from .crossings import Crossings
 from .edge_gains import EdgeGain, EdgeLayer, edge_gains
 from .layer_masks import LayerMasks
 from .layered_samples import LayeredSamples
+from .listed_colors import ListedColors
 from .sample_colors import OpaqueSamples
+from .surroundings import PixelCotangent, values_of
 from .thin_strips import covers, ends_before_edge, fill_strips
 from .visible_front import triangle_at
 
 
 def opaque_jumps(
-    shape: BoundaryShape, samples: OpaqueSamples, crossings: Crossings
-) -> Float[Array, "channels lines runs"]:
+    shape: BoundaryShape, samples: OpaqueSamples, crossings: Crossings, cotangent: PixelCotangent
+) -> Float[Array, "values lines runs"]:
     """Compute the jump of colour (`Jumps.jump`) at each crossing of an opaque scene.
 
     The jump is the colour of the edge's triangle on the edge, minus the colour that is visible just
     outside the edge, times the signed length of edge that the crossing stands for
     (`_signed_edge_length`). It is 0 where there is no valid crossing, where the edge is not visible
     (the top of this file says which crossings count), and where one of the two colours is not known
-    (`SampleColors.are_known`).
+    (`SampleColors.are_known`). `cotangent` is as in `layered_jumps`.
     """
     tiling = shape.tiling
     triangle_inside, triangle_outside = (
@@ -76,7 +78,7 @@ def opaque_jumps(
     color_inside = samples.colors.on_edge(crossings, tiling)
     color_beyond = samples.colors.at(triangle_beyond, crossings.outside, tiling)
     return materialized(functools.partial(_jump, tiling=tiling))(
-        is_visible, crossings.outwards, color_inside, color_beyond
+        is_visible, crossings.outwards, color_inside, color_beyond, cotangent
     )
 
 
@@ -136,9 +138,10 @@ def _jump(
     outwards: Float[Array, " runs"],
     color_inside: Float[Array, "channels lines runs"],
     color_beyond: Float[Array, "channels lines runs"],
+    cotangent: PixelCotangent,
     *,
     tiling: Tiling,
-) -> Float[Array, "channels lines runs"]:
+) -> Float[Array, "values lines runs"]:
     """Compute `Jumps.jump`: the difference of the colours on both sides of an edge, times a length.
 
     The length is `_signed_edge_length`. The result is the change of a pixel's colour per pixel by
@@ -148,20 +151,31 @@ def _jump(
     - `outwards`: 1 if the outside lies at greater x or y than the edge, else -1.
     - `color_inside`: colour of the edge's triangle on the edge.
     - `color_beyond`: colour that is visible just outside the edge.
+    - `cotangent`: as in `layered_jumps`.
     """
-    jump = (color_inside - color_beyond) * _signed_edge_length(outwards, tiling)
+    difference = values_of(color_inside - color_beyond, cotangent)
+    jump = difference * _signed_edge_length(outwards, tiling)
     return jnp.where(is_visible[None], jump, 0.0)
 
 
 def layered_jumps(
-    shape: BoundaryShape, samples: LayeredSamples, masks: LayerMasks, crossings: Crossings
-) -> Float[Array, "channels lines runs"]:
+    shape: BoundaryShape,
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    colors: ListedColors,
+    crossings: Crossings,
+    cotangent: PixelCotangent,
+) -> Float[Array, "values lines runs"]:
     """Compute the jump of colour (`Jumps.jump`) at each crossing of a translucent scene.
 
     The jump is the change of the colour just outside the edge if the edge's triangle covered this
     point too, times the signed length of edge that the crossing stands for
-    (`_signed_edge_length`). It is 0 where a crossing does not count (`_layered_jump`). `masks` are
-    the layer masks of `samples.passed`: the triangles that are layers of each sample.
+    (`_signed_edge_length`). It is 0 where a crossing does not count (`_layered_jump`).
+
+    - `masks`: the layer masks of `samples.passed`: the triangles that are layers of each sample.
+    - `colors`: colours of the entries of `samples.lists`.
+    - `cotangent`: None, or the cotangent of each crossing's pixel; then the result is the dot
+      product of jump and cotangent.
     """
     tiling, depths = shape.tiling, samples.depths
     triangle = jnp.broadcast_to((crossings.edge // 3)[None], crossings.valid.shape)
@@ -177,7 +191,7 @@ def layered_jumps(
             for sample in (crossings.inside, crossings.outside)
         )
     edge_layer = EdgeLayer(crossings.edge // 3, color, depth_inside, depth_outside)
-    gains = edge_gains(samples, masks, crossings, edge_layer, tiling)
+    gains = edge_gains(samples, masks, colors, crossings, edge_layer, cotangent, tiling)
     # What lies beyond the edge are the layers at the sample outside, which all show there.
     is_known = samples.colors.are_known(gains.covers_inside, jnp.ones_like(gains.covers_inside))
     jump = materialized(functools.partial(_layered_jump, tiling=tiling))
@@ -186,7 +200,7 @@ def layered_jumps(
 
 def _layered_jump(
     crossings: Crossings, gains: EdgeGain, is_known: Bool[Array, "lines runs"], *, tiling: Tiling
-) -> Float[Array, "channels lines runs"]:
+) -> Float[Array, "values lines runs"]:
     """Compute `Jumps.jump`: the gain at each crossing (`EdgeGain`) times `_signed_edge_length`.
 
     A crossing counts if the edge's triangle covers the sample inside. It also counts if the

@@ -1,34 +1,34 @@
 """The colour that a translucent triangle adds at its edge, between the layers in front and behind.
 
 An edge passes between two samples (`crossings`). All layers of the sample outside are visited from
-the front (`layer_masks`). Layers in front of the edge's triangle dim it by their transmittance. The
-layers behind it are composited twice, with and without the triangle: under a depth test, a triangle
-that is drawn later but lies deeper is visible only without it.
+the front (`visits`). Layers in front of the edge's triangle dim it by their transmittance. The
+layers behind it are composited, under a depth test twice, with and without the triangle: there, a
+triangle that is drawn later but lies deeper is visible only without it.
 
 The transmittance in front of the triangle may differ between the two samples. The smaller one is
-used, because a layer that ends between the samples has a crossing itself. Layers that cover both
-samples are counted once. Layers in front that cover the sample inside alone are visited in the same
-loop as the layers of the sample outside, if each triangle has one colour and there is no depth.
-Otherwise the few crossings with such layers are visited again in `layers_inside`, and so are all
-crossings whose samples lie in different tiles. Layers that cover both samples have the
-transmittance and the depth of the sample outside, whether or not the samples lie in one tile.
+used, because a layer that ends between the samples has a crossing itself. Layers in front that
+cover the sample inside alone are visited in the same loop as the layers of the sample outside, if
+each triangle has one colour and there is no depth. Otherwise the few crossings with such layers are
+visited again in `layers_inside`, and so are all crossings whose samples lie in different tiles.
+Layers that cover both samples have the transmittance and the depth of the sample outside, whether
+or not the samples lie in one tile.
 
 At the border of the canvas, both samples of a crossing may be the same sample. If the edge's
 triangle covers it, a triangle that is drawn later but lies deeper fails the depth test there, so it
 is not a layer of the sample. It would be visible without the edge's triangle; this file omits it.
 """
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
-from ..coverage.depth_test import depth_at
 from ..geometry.tiling import Tiling
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from .crossings import Crossings, Sample
+from .crossings import Crossings
 from .layer_masks import (
     LayerMasks,
     SampleAddress,
@@ -38,10 +38,24 @@ from .layer_masks import (
     gather_masks,
     locate_layers,
 )
-from .layered_samples import LayeredSamples, later_is_in_front
+from .layered_samples import LayeredSamples
 from .layers_inside import InsideLanes, visit_inside
-from .run_layers import ListedEdges, list_edges, visit_run_layers
-from .run_tiles import RunTiles, tiles_of_runs
+from .listed_colors import ListedColors
+from .run_layers import ListedEdges, list_edges
+from .run_tiles import tiles_of_runs
+from .surroundings import (
+    PixelCotangent,
+    Surroundings,
+    no_layers,
+    over_background,
+    still_matter,
+    values_of,
+)
+from .visits import RunSamples, VisitedLayers, visit_by_depth, visit_in_draw_order
+
+_GROUP = 1024
+"""Number of runs whose layers are visited together: so few that one core keeps their data in its
+cache (`numerics.one_core`). Measured with 100 layers over each pixel."""
 
 
 class EdgeLayer(NamedTuple):
@@ -65,82 +79,33 @@ class EdgeGain(NamedTuple):
 
     - `gain`: change of the premultiplied colour of the sample outside if the edge's triangle
       covered it too, dimmed by the smaller of the transmittances in front at the two samples. It is
-      0 where the triangle would fail the depth test at the sample outside.
+      0 where the triangle would fail the depth test at the sample outside. For a vjp it is the dot
+      product of this change and the cotangent of the crossing's pixel (`PixelCotangent`).
     - `covers_inside`, `covers_outside`: whether the triangle covers the sample inside or outside,
       and passes the depth test there.
     """
 
-    gain: Float[Array, "channels lines runs"]
+    gain: Float[Array, "values lines runs"]
     covers_inside: Bool[Array, "lines runs"]
     covers_outside: Bool[Array, "lines runs"]
 
 
-class _Behind(NamedTuple):
-    """Premultiplied colour and transmittance of the visited layers behind the edge's triangle."""
+class _Group(NamedTuple):
+    """The crossings of some runs, and where to read the layers of their samples.
 
-    color: Float[Array, "channels lines runs"]
-    transmittance: Float[Array, "lines runs"]
-
-
-class _State(NamedTuple):
-    """State of the loop over the layers of the samples outside: what the layers visited so far add.
-
-    - `in_front_of_both`: transmittance of the layers in front of the edge's triangle that cover
-      both samples.
-    - `in_front_outside`: transmittance of the layers in front that cover the sample outside alone.
-    - `in_front_inside`: transmittance of the layers in front that cover the sample inside alone,
-      and are in the list of the same tile. It is None if `layers_inside` computes it.
-    - `hidden`: whether a layer of the sample outside that is drawn earlier lies nearer, so that the
-      edge's triangle fails the depth test there.
-    - `behind`: layers that remain visible behind the edge's triangle.
-    - `if_absent`: layers that would be visible without the edge's triangle, except those in front
-      of it. It is None without depth, where it would equal `behind`.
-    """
-
-    in_front_of_both: Float[Array, "lines runs"]
-    in_front_outside: Float[Array, "lines runs"]
-    in_front_inside: Float[Array, "lines runs"] | None
-    hidden: Bool[Array, "lines runs"]
-    behind: _Behind
-    if_absent: _Behind | None
-
-
-class _LayerAddresses(NamedTuple):
-    """Where to read the layer masks and the list entries of the two samples of each crossing.
-
-    - `inside`, `outside`: addresses of the masks of the samples inside and outside.
+    - `valid`: as in `Crossings`.
+    - `inside`, `outside`: addresses of the layer masks of the samples inside and outside.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
-    - `tiles`: the tiles of the samples outside.
-    - `listed`: where the edge's triangle is in the lists of `tiles`.
+    - `listed`: where the edge's triangle is in the lists of the tiles of the samples outside.
+    - `runs`: the samples outside.
     """
 
+    valid: Bool[Array, "lines runs"]
     inside: SampleAddress
     outside: SampleAddress
     is_one_list: Bool[Array, "lines runs"]
-    tiles: RunTiles
     listed: ListedEdges
-
-
-class _Masks(NamedTuple):
-    """Masks of the layers at each crossing, for 32 entries of the list of the sample outside.
-
-    Bit b stands for entry 32 p + b of the list, in plane p (`LayerMasks`). "Covers" includes
-    passing the depth test.
-
-    - `outside`: entries that cover the sample outside.
-    - `both`: entries that cover both samples.
-    - `inside_alone`: entries drawn after the edge's triangle that cover only the sample inside.
-    - `triangle_inside`: the entry of the edge's triangle, if it covers the sample inside; else 0.
-    - `triangle_outside`: the same for the sample outside.
-
-    Where the two samples lie in different tiles, no entry counts as covering the sample inside.
-    """
-
-    outside: UInt32[Array, "lines runs"]
-    both: UInt32[Array, "lines runs"]
-    inside_alone: UInt32[Array, "lines runs"]
-    triangle_inside: UInt32[Array, "lines runs"]
-    triangle_outside: UInt32[Array, "lines runs"]
+    runs: RunSamples
 
 
 class _SampleFlags(NamedTuple):
@@ -160,241 +125,189 @@ class _SampleFlags(NamedTuple):
 def edge_gains(
     samples: LayeredSamples,
     masks: LayerMasks,
+    colors: ListedColors,
     crossings: Crossings,
     edge_layer: EdgeLayer,
+    cotangent: PixelCotangent,
     tiling: Tiling,
 ) -> EdgeGain:
     """Compute the colour that each edge's triangle would add at the sample outside (`EdgeGain`).
 
-    `masks` are the layer masks of `samples.passed`. Not differentiable in reverse mode, because the
-    numbers of steps depend on values. The gain has no meaning where there is no valid crossing.
+    `masks` are the layer masks of `samples.passed`, and `colors` are the colours of the entries of
+    `samples.lists`. Not differentiable in reverse mode, because the numbers of steps depend on
+    values. The gain has no meaning where there is no valid crossing.
     """
-    where = _locate_lists(masks, crossings, edge_layer.triangle, tiling)
     shape = crossings.valid.shape
-    false = jnp.zeros(shape, bool)
+    whole = _locate(masks, crossings, edge_layer, cotangent, tiling)
+    group_size = min(_GROUP, max(shape[1], 1))
 
-    def visit_plane(
-        plane: Int[Array, ""], carry: tuple[_State, _SampleFlags]
-    ) -> tuple[_State, _SampleFlags]:
-        state, flags = carry
-        inside, outside = (
-            gather_masks(masks, address, plane) for address in (where.inside, where.outside)
+    def visit_group(number: Int[Array, ""], results: Any) -> Any:
+        first = number * group_size
+        group = jax.tree.map(
+            lambda entry: jax.lax.dynamic_slice_in_dim(entry, first, group_size, axis=-1), whole
         )
-        compared = _compare_masks(inside, outside, crossings.valid, where, plane)
-        state = _visit_outside(
-            samples, crossings.outside, edge_layer, compared, where, plane, state, tiling
+        return jax.tree.map(
+            lambda result, part: jax.lax.dynamic_update_slice_in_dim(result, part, first, axis=-1),
+            results,
+            _visit_group(samples, masks, colors, group, tiling),
         )
-        return state, _set_flags(flags, compared)
 
-    planes = count_planes(masks)
-    start = _no_layers(samples, shape), _SampleFlags(false, false, false)
-    state, flags = repeat(planes, visit_plane, start)
+    groups = jnp.asarray(-(-shape[1] // group_size), jnp.int32)
+    state, flags = repeat(groups, visit_group, _nothing_visited(samples, shape, cotangent))
+    # A layer with one colour, in a scene without depth, has the same effect at both samples.
+    is_missed = ~whole.is_one_list
+    if not _visits_inside(samples):
+        is_missed = is_missed | flags.is_inside_alone
     lanes = InsideLanes(
-        where.inside,
-        where.outside,
-        where.is_one_list,
-        where.tiles.of_samples(where.listed.position),
+        whole.inside,
+        whole.outside,
+        whole.is_one_list,
         jnp.broadcast_to(edge_layer.triangle[None], shape),
         edge_layer.depth_inside,
         edge_layer.depth_outside,
         crossings.inside,
         crossings.outside,
     )
-    is_missed = ~where.is_one_list
-    if state.in_front_inside is None:
-        is_missed = is_missed | flags.is_inside_alone
-    selected = crossings.valid & is_missed
     in_front_inside, covers_inside = visit_inside(
         samples,
         masks,
         jax.tree.map(lambda entry: entry.reshape(-1), lanes),
-        selected.reshape(-1),
+        (crossings.valid & is_missed & still_matter(state)).reshape(-1),
         flags.covers_inside.reshape(-1),
         tiling,
     )
-    in_front_inside = in_front_inside.reshape(shape)
-    if state.in_front_inside is not None:
-        in_front_inside = in_front_inside * state.in_front_inside
-    gain = _gain(state, in_front_inside, edge_layer.color, samples.background)
+    state = state._replace(in_front_inside=state.in_front_inside * in_front_inside.reshape(shape))
+    gain = _gain(state, edge_layer.color, samples.background, cotangent)
     return EdgeGain(gain, covers_inside.reshape(shape), flags.covers_outside)
 
 
-def _no_layers(samples: LayeredSamples, shape: tuple[int, ...]) -> _State:
-    """Make the state before any layer is visited; `shape` is `(lines, runs)`."""
+def _visits_inside(samples: LayeredSamples) -> bool:
+    """Whether layers that cover the sample inside alone are visited with those outside.
+
+    A layer with one colour, in a scene without depth, has the same effect at both samples.
+    """
+    return samples.colors.is_flat and samples.depths is None
+
+
+def _nothing_visited(
+    samples: LayeredSamples, shape: tuple[int, ...], cotangent: PixelCotangent
+) -> tuple[Surroundings, _SampleFlags]:
+    """Return the surroundings and flags of crossings before any layer is visited.
+
+    `shape` is `(lines, runs)`.
+    """
     channels, dtype = samples.background.shape[0], samples.background.dtype
-    clear = jnp.ones(shape, dtype)
-    behind = _Behind(jnp.zeros((channels, *shape), dtype), clear)
-    # A layer with one colour, in a scene without depth, has the same effect at both samples.
-    visits_inside = samples.colors.is_flat and samples.depths is None
-    return _State(
-        in_front_of_both=clear,
-        in_front_outside=clear,
-        in_front_inside=clear if visits_inside else None,
-        hidden=jnp.zeros(shape, bool),
-        behind=behind,
-        if_absent=None if samples.depths is None else behind,
-    )
+    values = channels if cotangent is None else 1
+    false = jnp.zeros(shape, bool)
+    state = no_layers(shape, values, dtype, has_depth=samples.depths is not None)
+    return state, _SampleFlags(false, false, false)
 
 
-def _locate_lists(
-    masks: LayerMasks, crossings: Crossings, triangle: Int[Array, " runs"], tiling: Tiling
-) -> _LayerAddresses:
+def _locate(
+    masks: LayerMasks,
+    crossings: Crossings,
+    edge_layer: EdgeLayer,
+    cotangent: PixelCotangent,
+    tiling: Tiling,
+) -> _Group:
     """Find where the layers of both samples of each crossing, and the edge's triangle, are."""
     inside, outside = (
         locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
     )
-    tiles = tiles_of_runs(outside.tile, crossings.valid, masks.lists.start)
-    listed = list_edges(masks, tiles, triangle)
-    return _LayerAddresses(inside, outside, inside.tile == outside.tile, tiles, listed)
+    tiles = tiles_of_runs(
+        crossings.outside, outside.tile, crossings.valid, masks.lists.start, tiling=tiling
+    )
+    listed = list_edges(masks, tiles, edge_layer.triangle)
+    runs = RunSamples(
+        crossings.outside, tiles, edge_layer.triangle, edge_layer.depth_outside, cotangent
+    )
+    return _Group(crossings.valid, inside, outside, inside.tile == outside.tile, listed, runs)
 
 
-@materialized
+def _visit_group(
+    samples: LayeredSamples, masks: LayerMasks, colors: ListedColors, group: _Group, tiling: Tiling
+) -> tuple[Surroundings, _SampleFlags]:
+    """Visit the layers of the samples outside the edges of a group of runs, plane by plane."""
+
+    def visit_plane(
+        plane: Int[Array, ""], carry: tuple[Surroundings, _SampleFlags]
+    ) -> tuple[Surroundings, _SampleFlags]:
+        state, _ = carry
+        inside, outside = (
+            gather_masks(masks, address, plane) for address in (group.inside, group.outside)
+        )
+        layers, flags = _compare_masks(
+            inside, outside, group, plane, carry, visits_inside=_visits_inside(samples)
+        )
+        if samples.depths is None:
+            return visit_in_draw_order(colors, group.runs, layers, plane, state, tiling), flags
+        state = visit_by_depth(colors, samples.depths, group.runs, layers, plane, state, tiling)
+        return state, flags
+
+    start = _nothing_visited(samples, group.valid.shape, group.runs.cotangent)
+    return repeat(count_planes(masks), visit_plane, start)
+
+
+@functools.partial(materialized, static_argnames=("visits_inside",))
 def _compare_masks(
     inside: UInt32[Array, "lines runs"],
     outside: UInt32[Array, "lines runs"],
-    is_valid: Bool[Array, "lines runs"],
-    where: _LayerAddresses,
+    group: _Group,
     plane: Int[Array, ""],
-) -> _Masks:
+    known: tuple[Surroundings, _SampleFlags],
+    *,
+    visits_inside: bool,
+) -> tuple[VisitedLayers, _SampleFlags]:
     """Compare the layer masks of the two samples of each crossing, in one plane.
 
-    `inside` and `outside` are the masks of the samples inside and outside. If these samples lie in
-    different tiles, the bits of their masks stand for different entries, and `inside` is ignored.
+    Returns the layers to visit, and the flags, in which those are set that follow from this plane.
+
+    - `inside`, `outside`: the masks of the samples inside and outside. If these samples lie in
+      different tiles, the bits of their masks stand for different entries, and `inside` is ignored.
+    - `known`: the surroundings and flags from the planes before.
+    - `visits_inside`: the result of `_visits_inside`.
     """
     no_bits = jnp.uint32(0)
-    outside = jnp.where(is_valid, outside, no_bits)
-    inside = jnp.where(is_valid & where.is_one_list, inside, no_bits)
-    position, is_listed = where.listed
+    tiles, (position, is_listed) = group.runs.tiles, group.listed
+    outside = jnp.where(group.valid, outside, no_bits)
+    inside = jnp.where(group.valid & group.is_one_list, inside, no_bits)
     edge_triangle = jnp.where(is_listed, entry_bit(position, plane), no_bits)
-    edge_triangle = where.tiles.of_samples(edge_triangle)
-    in_front = where.tiles.of_samples(bits_before(position, plane))
-    return _Masks(
-        outside,
-        outside & inside,
-        inside & ~outside & in_front,
-        inside & edge_triangle,
-        outside & edge_triangle,
-    )
-
-
-@materialized
-def _set_flags(flags: _SampleFlags, compared: _Masks) -> _SampleFlags:
-    """Set each flag where the mask of the same fact, in one plane, is not 0; clear none."""
-    return _SampleFlags(
-        *(known | (mask != 0) for known, mask in zip(flags, compared[2:], strict=True))
-    )
-
-
-def _visit_outside(
-    samples: LayeredSamples,
-    outside: Sample,
-    edge_layer: EdgeLayer,
-    compared: _Masks,
-    where: _LayerAddresses,
-    plane: Int[Array, ""],
-    state: _State,
-    tiling: Tiling,
-) -> _State:
-    """Update the state by the layers of one plane that cover the samples outside, nearest first.
-
-    Layers that cover the sample inside alone are visited too, if the state has `in_front_inside`.
-    """
-    depths, tiles, edge_triangle = samples.depths, where.tiles, edge_layer.triangle[None]
-
-    def visit(state: _State, layers: Int[Array, "2 runs"], bits: UInt32[Array, "2 runs"]) -> _State:
-        color = samples.colors.of_runs(layers, tiles, outside, tiling)
-        is_later_in_front = None
-        if depths is not None:
-            layer = tiles.of_samples(layers)
-            depth = depth_at(depths, layer, outside, tiling)
-            is_later_in_front = later_is_in_front(
-                layer, edge_triangle, depth, edge_layer.depth_outside
-            )
-        return _add_layer(
-            state, tiles, layers, bits, edge_triangle, compared, color, is_later_in_front
+    edge_triangle = tiles.of_samples(edge_triangle)
+    in_front = tiles.of_samples(bits_before(position, plane))
+    front_inside = inside & in_front
+    inside_alone = front_inside & ~outside
+    if not visits_inside:
+        front_inside = front_inside & outside
+    state, flags = known
+    needed = still_matter(state)
+    layers = VisitedLayers(
+        *(
+            jnp.where(needed, mask, no_bits)
+            for mask in (outside & in_front, front_inside, outside & ~in_front & ~edge_triangle)
         )
-
-    mask = compared.outside
-    if state.in_front_inside is not None:
-        mask = mask | compared.inside_alone
-    return visit_run_layers(mask, tiles, samples.lists.triangle, plane, visit, state)
-
-
-@materialized
-def _add_layer(
-    state: _State,
-    tiles: RunTiles,
-    layers: Int[Array, "2 runs"],
-    bits: UInt32[Array, "2 runs"],
-    edge_triangle: Int[Array, "1 runs"],
-    compared: _Masks,
-    color: Float[Array, "4 lines runs"],
-    is_later_in_front: Bool[Array, "lines runs"] | None,
-) -> _State:
-    """Update the state by the next layer of each run: one triangle for each of its two tiles.
-
-    - `layers`: these triangles.
-    - `bits`: the bit of each of them in the masks of its tile; 0 where a tile has no further layer.
-    - `color`: premultiplied RGBA of the layer at the samples outside.
-    - `is_later_in_front`: whether, of the layer and the edge's triangle, the one that is drawn
-      later lies in front; None without depth, where it always does.
-    """
-    layer, bit = tiles.of_samples(layers), tiles.of_samples(bits)
-    is_layer = (compared.outside & bit) != 0
-    is_shared = (compared.both & bit) != 0
-    is_later, is_earlier = is_layer & (layer > edge_triangle), is_layer & (layer < edge_triangle)
-    if is_later_in_front is None:
-        is_later_in_front = jnp.ones_like(is_later)
-    is_in_front = is_later & is_later_in_front
-    layer_transmittance = 1.0 - color[3]
-    in_front_inside = state.in_front_inside
-    if in_front_inside is not None:
-        is_inside_alone = (compared.inside_alone & bit) != 0
-        in_front_inside = jnp.where(is_inside_alone, layer_transmittance, 1.0) * in_front_inside
-    if_absent = state.if_absent
-    if if_absent is not None:
-        if_absent = _add_behind(if_absent, color, (is_later & ~is_later_in_front) | is_earlier)
-    return _State(
-        jnp.where(is_in_front & is_shared, layer_transmittance, 1.0) * state.in_front_of_both,
-        jnp.where(is_in_front & ~is_shared, layer_transmittance, 1.0) * state.in_front_outside,
-        in_front_inside,
-        state.hidden | (is_earlier & ~is_later_in_front),
-        _add_behind(state.behind, color, is_earlier),
-        if_absent,
     )
-
-
-def _add_behind(
-    behind: _Behind, color: Float[Array, "4 lines runs"], is_behind: Bool[Array, "lines runs"]
-) -> _Behind:
-    """Composite a layer of premultiplied RGBA behind the layers in `behind`, where `is_behind`."""
-    shown = color[: behind.color.shape[0]]
-    return _Behind(
-        behind.color + jnp.where(is_behind, behind.transmittance, 0.0)[None] * shown,
-        behind.transmittance * jnp.where(is_behind, 1.0 - color[3], 1.0),
+    facts = inside_alone, inside & edge_triangle, outside & edge_triangle
+    return layers, _SampleFlags(
+        *(flag | (mask != 0) for flag, mask in zip(flags, facts, strict=True))
     )
 
 
 @materialized
 def _gain(
-    state: _State,
-    in_front_inside: Float[Array, "lines runs"],
+    state: Surroundings,
     color: Float[Array, "4 lines runs"],
     background: Float[Array, " channels"],
-) -> Float[Array, "channels lines runs"]:
+    cotangent: PixelCotangent,
+) -> Float[Array, "values lines runs"]:
     """Compute the colour that the edge's triangle adds (`EdgeGain.gain`), from the last `state`.
 
-    - `in_front_inside`: transmittance of the layers in front of the edge's triangle at the sample
-      inside, except those that are counted in `in_front_of_both`.
-    - `color`: premultiplied RGBA of the edge's triangle.
+    `color` is the premultiplied RGBA of the edge's triangle.
     """
-    channels = background.shape[0]
-
-    def over_background(layers: _Behind) -> Float[Array, "channels lines runs"]:
-        return layers.color + layers.transmittance[None] * background[:, None, None]
-
-    under = over_background(state.behind)
-    before = under if state.if_absent is None else over_background(state.if_absent)
-    after = color[:channels] + (1.0 - color[3])[None] * under
-    dimming = state.in_front_of_both * jnp.minimum(in_front_inside, state.in_front_outside)
-    return jnp.where(state.hidden[None], 0.0, (after - before) * dimming[None])
+    added = values_of(color[: background.shape[0]], cotangent)
+    under = over_background(state.behind, background, cotangent)
+    dimming = jnp.minimum(state.in_front_inside, state.in_front_outside)
+    if state.hidden is None or state.if_absent is None:
+        return (added - color[3][None] * under) * dimming[None]
+    before = over_background(state.if_absent, background, cotangent)
+    gain = (added + (1.0 - color[3])[None] * under - before) * dimming[None]
+    return jnp.where(state.hidden[None], 0.0, gain)

@@ -21,13 +21,14 @@ class Jumps(NamedTuple):
     - `t`: position of the crossing along the edge, from 0 at its start to 1 at its end.
     - `pixel`: index of the crossing's pixel, row by row; one past the last if it has none.
     - `jump`: change of the pixel's colour per pixel by which the crossing moves along its line,
-      towards greater x or y; 0 where a crossing does not count.
+      towards greater x or y; 0 where a crossing does not count. For a vjp it is the dot product of
+      this change and the pixel's cotangent (`PixelCotangent`).
     """
 
     edge: Int[Array, " runs"]
     t: Float[Array, "lines runs"]
     pixel: Int[Array, "lines runs"]
-    jump: Float[Array, "channels lines runs"]
+    jump: Float[Array, "values lines runs"]
 
 
 @materialized
@@ -82,26 +83,33 @@ def _change(jumps: Jumps, speeds: Float[Array, "2 edges"]) -> Float[Array, "chan
 
 
 def add_to_speeds(
-    speeds: list[Float[Array, " edges"]], jumps: Jumps, image: Float[Array, "channels pixels"]
+    speeds: list[Float[Array, " edges"]], jumps: Jumps
 ) -> list[Float[Array, " edges"]]:
     """Add the contributions of all crossings in `jumps` to the cotangent of the speeds of edges.
 
-    This is the transpose of `add_to_image`, which maps speeds to an image: here `image` is the
-    cotangent of the image. `speeds` has the cotangents at the starts of all edges, and those at the
-    ends.
+    This is the transpose of `add_to_image`, which maps speeds to an image: `jumps.jump` is the dot
+    product of the jump and the pixel's cotangent. `speeds` has the cotangents at the starts of all
+    edges, and those at the ends.
     """
-    contributions = materialized(_speed_cotangents)(jumps, image)
+    contributions = materialized(_speed_cotangents)(jumps)
     return [
         speed.at[jumps.edge].add(added) for speed, added in zip(speeds, contributions, strict=True)
     ]
 
 
-def _speed_cotangents(
-    jumps: Jumps, image: Float[Array, "channels pixels"]
-) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
+def _speed_cotangents(jumps: Jumps) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
     """Compute the cotangents of the speeds at the start and at the end of each run's edge."""
-    at_pixel = jnp.zeros_like(jumps.t)
-    # Entries without a pixel get 0. Any pixel's value would not do: it may be NaN.
-    for channel, jump in zip(image, jumps.jump, strict=True):
-        at_pixel = at_pixel + jump * channel.at[jumps.pixel].get(mode="fill", fill_value=0)
-    return jnp.sum(at_pixel * (1.0 - jumps.t), 0), jnp.sum(at_pixel * jumps.t, 0)
+    (by_pixel,) = jumps.jump
+    return jnp.sum(by_pixel * (1.0 - jumps.t), 0), jnp.sum(by_pixel * jumps.t, 0)
+
+
+@materialized
+def gather_cotangent(
+    image: Float[Array, "channels pixels"], pixel: Int[Array, "lines runs"]
+) -> Float[Array, "channels lines runs"]:
+    """Gather the cotangent of each crossing's pixel; 0 for crossings without a pixel.
+
+    `image` is the cotangent of the image.
+    """
+    # Any pixel's value would not do for crossings without one: it may be NaN.
+    return jnp.stack([channel.at[pixel].get(mode="fill", fill_value=0) for channel in image])

@@ -27,19 +27,23 @@ PLANE = 32
 """Number of list entries in one plane of masks: the bits of a word."""
 
 
+_TILES = 64
+"""Number of tiles whose masks are made at once: so few that a core's cache holds their words."""
+
+
 class LayerMasks(NamedTuple):
     """Layer masks of every sample, in planes of 32 entries of the tile lists.
 
     Bit b of a mask in plane p says whether entry 32 p + b of its tile's list is a layer of the
     sample.
 
-    - `masks`: `masks[p, c, r]` is the mask, in plane p, of the sample in column c of its tile.
-      Sample rows r are numbered tile by tile, in the order of the coverage words within a tile
-      (`visible_front.address`).
+    - `masks`: `masks[p, t, c, r]` is the mask, in plane p, of the sample in column c and row r of
+      tile t. Rows are numbered in the order of the coverage words (`visible_front.address`). Planes
+      that are longer than all lists are 0.
     - `lists`: the tile lists.
     """
 
-    masks: UInt32[Array, "planes columns tile_rows"]
+    masks: UInt32[Array, "planes tiles columns rows"]
     lists: TileLists
 
     @property
@@ -70,38 +74,53 @@ def layer_masks(
     tile. Only the first `max_list_length` entries of each tile's list are sure to be included.
     """
 
-    def plane(number: Int[Array, ""]) -> UInt32[Array, "columns tile_rows"]:
-        return _transpose(_gather_plane(words, lists, number), columns=tiling.sample_columns)
+    planes, tiles = max(-(-max_list_length // PLANE), 1), lists.start.shape[0]
+    columns, block = tiling.sample_columns, min(_TILES, tiles)
+    blocks = -(-tiles // block)
+    masks = jnp.zeros((planes, tiles, columns, words.shape[1]), jnp.uint32)
 
-    planes = max(-(-max_list_length // PLANE), 1)
-    return LayerMasks(jax.lax.map(plane, jnp.arange(planes, dtype=jnp.int32)), lists)
+    def add_block(number: Int[Array, ""], masks: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
+        # The last block starts early enough to be full.
+        plane, first = number // blocks, jnp.minimum(number % blocks * block, tiles - block)
+        start, count = (
+            jax.lax.dynamic_slice_in_dim(entry, first, block)
+            for entry in (lists.start, lists.count)
+        )
+        of_block = _transpose(_gather_words(words, start, count, plane), columns=columns)
+        zero = jnp.zeros_like(first)
+        return jax.lax.dynamic_update_slice(masks, of_block[None], (plane, first, zero, zero))
+
+    used = _count_planes(lists, planes)
+    return LayerMasks(repeat(used * blocks, add_block, masks), lists)
 
 
 @materialized
-def _gather_plane(
-    words: UInt32[Array, "pairs rows"], lists: TileLists, plane: Int[Array, ""]
-) -> UInt32[Array, "bits tile_rows"]:
-    """Gather the coverage words of 32 list entries for every tile; 0 past the end of a tile's list.
+def _gather_words(
+    words: UInt32[Array, "pairs rows"],
+    start: Int[Array, " block"],
+    count: Int[Array, " block"],
+    plane: Int[Array, ""],
+) -> UInt32[Array, "block bits rows"]:
+    """Gather the coverage words of 32 list entries for some tiles; 0 past the end of a list.
 
-    The entries are those of the plane of number `plane`.
+    The entries are those of the plane of number `plane`. `start` and `count` are as in `TileLists`.
     """
-    entry = plane * PLANE + jnp.arange(PLANE, dtype=jnp.int32)[:, None]
-    gathered = words.at[lists.start[None] + entry].get(mode="clip")
-    gathered = jnp.where((entry < lists.count[None])[..., None], gathered, jnp.uint32(0))
-    return gathered.reshape(PLANE, -1)
+    entry = plane * PLANE + jnp.arange(PLANE, dtype=jnp.int32)
+    gathered = words.at[start[:, None] + entry[None]].get(mode="clip")
+    return jnp.where((entry[None] < count[:, None])[..., None], gathered, jnp.uint32(0))
 
 
 @functools.partial(materialized, static_argnames=("columns",))
 def _transpose(
-    words: UInt32[Array, "bits tile_rows"], *, columns: int
-) -> UInt32[Array, "columns tile_rows"]:
+    words: UInt32[Array, "block bits rows"], *, columns: int
+) -> UInt32[Array, "block columns rows"]:
     """Transpose coverage words of 32 list entries to layer masks, one for each column.
 
     Bit c of the word of entry b becomes bit b of the mask of column c.
     """
-    column = jnp.arange(columns, dtype=jnp.uint32)[:, None]
+    column = jnp.arange(columns, dtype=jnp.uint32)[None, :, None]
     bits = [
-        ((words[entry][None] >> column) & jnp.uint32(1)) << jnp.uint32(entry)
+        ((words[:, entry, None] >> column) & jnp.uint32(1)) << jnp.uint32(entry)
         for entry in range(PLANE)
     ]
     return functools.reduce(jnp.bitwise_or, bits)
@@ -114,8 +133,8 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
     Samples are given by column and row on the canvas.
     """
     tile, word_index, column = address(sample, tiling)
-    tile_rows = masks.masks.shape[2]
-    mask_index = column.astype(jnp.int32) * tile_rows + tile * tiling.sample_rows + word_index
+    columns, rows = masks.masks.shape[2:]
+    mask_index = (tile * columns + column.astype(jnp.int32)) * rows + word_index
     return SampleAddress(tile, masks.lists.start[tile], mask_index)
 
 
@@ -186,8 +205,13 @@ def covers_sample(
 @materialized
 def count_planes(masks: LayerMasks) -> Int[Array, ""]:
     """Number of planes of 32 entries that the longest list needs, at most those of `masks`."""
+    return _count_planes(masks.lists, masks.masks.shape[0])
+
+
+def _count_planes(lists: TileLists, most: int) -> Int[Array, ""]:
+    """Number of planes that the longest list needs, or `most` if that is less."""
     # A scene of a batch that has outgrown its plan must not lengthen the loops of the others.
-    return jnp.minimum(-(-jnp.max(masks.lists.count) // PLANE), masks.masks.shape[0])
+    return jnp.minimum(-(-jnp.max(lists.count) // PLANE), most)
 
 
 @materialized

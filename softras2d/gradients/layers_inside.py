@@ -29,10 +29,13 @@ from .layer_masks import (
     bits_before,
     count_planes,
     covers_sample,
+    entry_bit,
+    find_in_lists,
     gather_masks,
     visit_layers,
 )
 from .layered_samples import LayeredSamples, later_is_in_front
+from .surroundings import is_noticeable
 
 
 class InsideLanes(NamedTuple):
@@ -40,7 +43,6 @@ class InsideLanes(NamedTuple):
 
     - `inside`, `outside`: where the layers of the samples inside and outside are.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
-    - `position`: number of entries before the edge's triangle in the list of the sample outside.
     - `triangle`: the edge's triangle.
     - `depth_inside`, `depth_outside`: depth of this triangle, as in `edge_gains.EdgeLayer`; None
       without depth.
@@ -50,7 +52,6 @@ class InsideLanes(NamedTuple):
     inside: SampleAddress
     outside: SampleAddress
     is_one_list: Bool[Array, " group"]
-    position: Int[Array, " group"]
     triangle: Int[Array, " group"]
     depth_inside: Float[Array, " group"] | None
     depth_outside: Float[Array, " group"] | None
@@ -110,46 +111,82 @@ def _look_inside(
 ) -> tuple[Float[Array, " group"], Bool[Array, " group"]]:
     """Compute the two fields of `InsideState` for the crossings of one group.
 
-    They are the transmittance of the visited layers in front of the edge's triangle, and whether
-    this triangle is one of the visited layers, which it never is if both samples are in one tile.
+    They are the transmittance of the missed layers in front of the edge's triangle, and whether
+    this triangle is a layer of the sample inside.
     """
-    depths, triangle = samples.depths, lanes.triangle
-    # A layer with one colour, in a scene without depth, has the same effect at both samples.
-    is_same_at_both = samples.colors.is_flat and depths is None
+    triangle = lanes.triangle
+    listed = find_in_lists(
+        samples.lists, lanes.inside.tile, triangle, max_list_length=masks.max_list_length
+    )
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
         inside, outside = (
             gather_masks(masks, address, plane) for address in (lanes.inside, lanes.outside)
         )
-        # Where the samples are in different tiles, all layers of the sample inside are visited, and
-        # the edge's triangle is recognized among them by its index.
-        in_one_list = inside & ~outside & bits_before(lanes.position, plane)
-        missed = jnp.where(lanes.is_one_list, in_one_list, inside)
+        later, covers = _split_mask(inside, outside, lanes.is_one_list, listed, plane, state)
 
         def visit(
-            state: InsideState, other: Int[Array, " group"], remaining: UInt32[Array, " group"]
-        ) -> InsideState:
-            sample, triangle_depth = lanes.sample_inside, lanes.depth_inside
-            if not is_same_at_both:
-                is_shared = covers_sample(masks, lanes.outside, other)
-                sample, triangle_depth = jax.tree.map(
-                    lambda outside, inside: jnp.where(is_shared, outside, inside),
-                    (lanes.sample_outside, lanes.depth_outside),
-                    (lanes.sample_inside, lanes.depth_inside),
-                )
-            depth = None if depths is None else depth_at(depths, other, sample, tiling)
-            color = samples.colors.at_each(other, sample, tiling)
-            is_layer = remaining != 0
-            is_in_front = is_layer & (other > triangle)
-            is_in_front = is_in_front & later_is_in_front(other, triangle, depth, triangle_depth)
-            return InsideState(
-                state.in_front * jnp.where(is_in_front, 1.0 - color[3], 1.0),
-                state.covers | (is_layer & (other == triangle)),
+            in_front: Array, other: Int[Array, " group"], remaining: UInt32[Array, " group"]
+        ) -> Float[Array, " group"]:
+            alpha, depth, triangle_depth = _at_sample(samples, masks, lanes, other, tiling)
+            is_in_front = (remaining != 0) & later_is_in_front(
+                other, triangle, depth, triangle_depth
             )
+            return in_front * jnp.where(is_in_front, 1.0 - alpha, 1.0)
 
-        return visit_layers(missed, lanes.inside, samples.lists, plane, visit, state)
+        in_front = visit_layers(later, lanes.inside, samples.lists, plane, visit, state.in_front)
+        return InsideState(in_front, covers)
 
     clear = jnp.ones(triangle.shape, samples.background.dtype)
     state = InsideState(clear, jnp.zeros(triangle.shape, bool))
     in_front, covers = repeat(count_planes(masks), visit_plane, state)
     return in_front, covers
+
+
+@materialized
+def _split_mask(
+    inside: UInt32[Array, " group"],
+    outside: UInt32[Array, " group"],
+    is_one_list: Bool[Array, " group"],
+    listed: tuple[Int[Array, " group"], Bool[Array, " group"]],
+    plane: Int[Array, ""],
+    state: InsideState,
+) -> tuple[UInt32[Array, " group"], Bool[Array, " group"]]:
+    """Find the missed layers in one plane that are drawn after the edge's triangle.
+
+    Also returns `InsideState.covers`, with this plane taken into account.
+
+    - `inside`, `outside`: masks of the samples inside and outside. Where both lie in one tile,
+      layers that cover both have been visited.
+    - `listed`: where the edge's triangle is in the list of the sample inside (`find_in_lists`).
+    """
+    position, is_listed = listed
+    missed = jnp.where(is_one_list, inside & ~outside, inside)
+    later = jnp.where(is_noticeable(state.in_front), missed & bits_before(position, plane), 0)
+    return later, state.covers | (is_listed & (inside & entry_bit(position, plane) != 0))
+
+
+def _at_sample(
+    samples: LayeredSamples,
+    masks: LayerMasks,
+    lanes: InsideLanes,
+    other: Int[Array, " group"],
+    tiling: Tiling,
+) -> tuple[Float[Array, " group"], Float[Array, " group"] | None, Float[Array, " group"] | None]:
+    """Return the alpha and the depth of the layer `other`, and the depth of the edge's triangle.
+
+    They are taken at the sample inside, or at the sample outside if `other` is a layer there too.
+    Depths are None without depth.
+    """
+    surface, depths = samples.colors.interpolated, samples.depths
+    if samples.colors.is_flat and depths is None and surface is not None:
+        # It has the same effect at both samples.
+        return surface.corners.color[0, 3][other], None, None
+    is_shared = covers_sample(masks, lanes.outside, other)
+    sample, triangle_depth = jax.tree.map(
+        lambda outside, inside: jnp.where(is_shared, outside, inside),
+        (lanes.sample_outside, lanes.depth_outside),
+        (lanes.sample_inside, lanes.depth_inside),
+    )
+    depth = None if depths is None else depth_at(depths, other, sample, tiling)
+    return samples.colors.at_each(other, sample, tiling)[3], depth, triangle_depth

@@ -7,15 +7,19 @@ plane has the layer masks for 32 successive entries of every tile's list (`layer
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, UInt32
 
 from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
-from .layer_masks import LayerMasks, find_in_lists, first_layer, most_layers
+from .layer_masks import PLANE, LayerMasks, find_in_lists, most_layers
 from .run_tiles import RunTiles
+
+State = TypeVar("State")
+"""A tree of arrays."""
 
 
 class ListedEdges(NamedTuple):
@@ -29,6 +33,19 @@ class ListedEdges(NamedTuple):
     is_listed: Bool[Array, "2 runs"]
 
 
+class RunLayer(NamedTuple):
+    """One layer of each run: an entry of the list of each of its two tiles.
+
+    - `step`: number of the step in which the layer is visited, from 0.
+    - `pair`: index of the entries in the tile lists. It is any index where `bit` is 0.
+    - `bit`: bit of each entry in the layer masks of its tile; 0 where a tile has no further layer.
+    """
+
+    step: Int[Array, ""]
+    pair: Int[Array, "2 runs"]
+    bit: UInt32[Array, "2 runs"]
+
+
 def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]) -> ListedEdges:
     """Find where the triangle of each run's edge is in the lists of both tiles, if it is listed."""
     both = jnp.stack([triangle, triangle])
@@ -40,33 +57,48 @@ def list_edges(masks: LayerMasks, tiles: RunTiles, triangle: Int[Array, " runs"]
 def visit_run_layers(
     mask: UInt32[Array, "lines runs"],
     tiles: RunTiles,
-    listed_triangles: Int[Array, " pairs"],
     plane: Int[Array, ""],
-    visit: Callable[[Any, Int[Array, "2 runs"], UInt32[Array, "2 runs"]], Any],
-    state: Any,
-) -> Any:
+    visit: Callable[[State, RunLayer], State],
+    state: State,
+    *,
+    pairs: int,
+) -> State:
     """Visit the layers of a plane at the samples of every run, from the front.
 
-    Returns the last state. In each step, `visit(state, triangle, bit)` returns the next state. For
-    each of the two tiles of a run, `triangle` is the next list entry that covers any of the run's
-    samples there, and `bit` is its bit. The triangle is a layer of those samples of the tile whose
-    `mask` contains this bit. For tiles without further layers, the bit is 0 and the triangle has no
-    meaning.
+    Returns the last state. In each step, `visit(state, layer)` returns the next state. The entries
+    of `layer` are, for each of the two tiles of a run, the next list entry that covers any of the
+    run's samples there. It is a layer of those samples of the tile whose `mask` contains its bit.
 
     - `mask`: layer mask of each sample in the plane of number `plane`, whose bit b stands for entry
       32 `plane` + b of the list of the sample's tile (`LayerMasks`).
     - `tiles`: the tiles of each run's samples.
-    - `listed_triangles`: triangles of the tile lists, as in `TileLists`.
+    - `pairs`: number of entries of the tile lists.
     """
 
-    def visit_next(_: Int[Array, ""], carry: tuple[Array, Any]) -> tuple[Array, Any]:
+    def visit_next(step: Int[Array, ""], carry: tuple[Array, State]) -> tuple[Array, State]:
         remaining, state = carry
-        triangle = first_layer(remaining, tiles.start, listed_triangles, plane)
-        bit = remaining & (~remaining + jnp.uint32(1))
-        return remaining ^ bit, visit(state, triangle, bit)
+        pair, bit, remaining = _next_layer(remaining, tiles.start, plane, jnp.int32(pairs - 1))
+        return remaining, visit(state, RunLayer(step, pair, bit))
 
     of_any_sample = _unite(mask, tiles.is_second)
     return repeat(most_layers(of_any_sample), visit_next, (of_any_sample, state))[1]
+
+
+@materialized
+def _next_layer(
+    remaining: UInt32[Array, "2 runs"],
+    list_start: Int[Array, "2 runs"],
+    plane: Int[Array, ""],
+    last: Int[Array, ""],
+) -> tuple[Int[Array, "2 runs"], UInt32[Array, "2 runs"], UInt32[Array, "2 runs"]]:
+    """Find the entry of the lowest bit of each mask: its index in the tile lists, and the bit.
+
+    Also returns the masks without this bit. `last` is the last index of the tile lists.
+    """
+    bit = remaining & (~remaining + jnp.uint32(1))
+    entry = jax.lax.population_count(bit - jnp.uint32(1)).astype(jnp.int32)
+    pair = jnp.clip(list_start + plane * PLANE + entry, 0, last)
+    return pair, bit, remaining ^ bit
 
 
 @materialized

@@ -20,8 +20,6 @@ from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..shading.surface import Surface
 from .crossings import Crossings, Sample
-from .run_colors import colors_of_runs
-from .run_tiles import RunTiles
 from .visible_front import Front, color_at, color_on_edge
 
 
@@ -42,6 +40,15 @@ class SampleColors(eqx.Module):
         """Whether each triangle is known to have one colour at all its points; false by default."""
         return False
 
+    @property
+    def interpolated(self) -> Surface | None:
+        """The surface from whose corner colours these colours are interpolated and premultiplied.
+
+        If `is_flat`, they are the surface's colours as they are. None, the default, for colours
+        that are computed in another way.
+        """
+        return None
+
     @abc.abstractmethod
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
@@ -57,16 +64,6 @@ class SampleColors(eqx.Module):
 
         Where colours are known at samples alone, it is the colour at the sample inside.
         """
-
-    def of_runs(
-        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
-    ) -> Float[Array, "channels lines runs"]:
-        """Colour at each sample of the triangle that its run has in the tile of the sample.
-
-        As `at`, but `triangle` has one triangle for the first and one for the second tile of each
-        run (`RunTiles`). No triangle may be -1.
-        """
-        return self.at(tiles.of_samples(triangle), sample, tiling)
 
     def at_each(
         self, triangle: Int[Array, " lanes"], sample: Sample, tiling: Tiling
@@ -109,6 +106,11 @@ class SurfaceColors(SampleColors):
         """Whether each triangle of the surface has one colour."""
         return self.surface.is_flat
 
+    @property
+    def interpolated(self) -> Surface | None:
+        """The surface; None if it has textures."""
+        return self.surface if self.surface.textures is None else None
+
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
@@ -118,18 +120,6 @@ class SurfaceColors(SampleColors):
         """
         flat = self.is_flat
         return color_at(self.surface, self.background, triangle, sample, tiling, flat=flat)
-
-    def of_runs(
-        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
-    ) -> Float[Array, "channels lines runs"]:
-        """Shade triangles at the samples of runs, as `SampleColors.of_runs` defines it.
-
-        Without textures, the data of the triangles are gathered once per run and tile.
-        """
-        if self.surface.textures is not None:
-            # Shading every sample once for each tile of its run would read twice as many texels.
-            return super().of_runs(triangle, tiles, sample, tiling)
-        return colors_of_runs(self.surface, triangle, tiles, sample, tiling)
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "channels lines runs"]:
         """Shade the edge's triangle at each crossing, on its edge.
@@ -157,6 +147,13 @@ class LayerColors(SampleColors):
         """Whether each triangle is known to have one colour."""
         return self.colors.is_flat
 
+    @property
+    def interpolated(self) -> Surface | None:
+        """The surface of `colors`, if the layers have its colours without conversion; else None."""
+        surface = self.colors.interpolated
+        is_converted = surface is None or self.is_straight or surface.channels != 4
+        return None if is_converted else surface
+
     @classmethod
     def of(cls, colors: SampleColors, *, is_straight: bool) -> "LayerColors":
         """Make the colours of layers from RGB or RGBA colours of triangles.
@@ -183,12 +180,6 @@ class LayerColors(SampleColors):
     ) -> Float[Array, "4 lines runs"]:
         """Premultiplied RGBA of the triangle at the sample; no triangle may be -1."""
         return self._to_rgba(self.colors.at(triangle, sample, tiling))
-
-    def of_runs(
-        self, triangle: Int[Array, "2 runs"], tiles: RunTiles, sample: Sample, tiling: Tiling
-    ) -> Float[Array, "4 lines runs"]:
-        """Premultiplied RGBA of the triangles at the samples of runs (`SampleColors.of_runs`)."""
-        return self._to_rgba(self.colors.of_runs(triangle, tiles, sample, tiling))
 
     def on_edge(self, crossings: Crossings, tiling: Tiling) -> Float[Array, "4 lines runs"]:
         """Premultiplied RGBA of the edge's triangle at each crossing, on its edge."""

@@ -83,7 +83,7 @@ def test_hidden_runs_change_nothing_and_many_others_do(samples, thin, depth):
     crossed_edges, runs, crossings, opaque, shape = _crossings(
         _soup(thin=thin, depth=depth), samples
     )
-    jumps = np.asarray(jax.jit(opaque_jumps, static_argnums=0)(shape, opaque, crossings))
+    jumps = np.asarray(jax.jit(opaque_jumps, static_argnums=0)(shape, opaque, crossings, None))
     changes_image = (jumps != 0).any((0, 1))
     nearest, farthest = distance_range(opaque.depths, COUNT)
     farthest_in_row = farthest_visible_distance(opaque.front, farthest, shape.tiling)

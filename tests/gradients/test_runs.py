@@ -100,7 +100,11 @@ def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
     column, row = (np.asarray(axis) for axis in crossings.outside)
     tile = row // tiling.sample_rows * tiling.columns + column // tiling.sample_columns
     starts = jnp.arange(tiling.count, dtype=jnp.int32) * 10
-    tiles = tiles_of_runs(jnp.asarray(tile), crossings.valid, starts)
+    tiles = tiles_of_runs(
+        crossings.outside, jnp.asarray(tile), crossings.valid, starts, tiling=tiling
+    )
+    np.testing.assert_array_equal(tiles.column, column % tiling.sample_columns)
+    np.testing.assert_array_equal(tiles.row, row % tiling.sample_rows)
     valid = np.asarray(crossings.valid)
     np.testing.assert_array_equal(np.asarray(tiles.of_samples(tiles.tile))[valid], tile[valid])
     np.testing.assert_array_equal(np.asarray(tiles.start), 10 * np.asarray(tiles.tile))
