@@ -72,9 +72,7 @@ def _weights_of_runs(columns: Columns, tiles: RunTiles) -> SampleWeights:
     They are the weights on the triangle in space if there is perspective, else those on the screen.
     """
     _, packed_terms, packed_w = columns.unpack()
-    terms = AffineWeights(
-        *(None if x is None else tiles.of_samples(_by_tile(x)) for x in packed_terms)
-    )
+    terms: AffineWeights = jax.tree.map(lambda x: tiles.of_samples(_by_tile(x)), packed_terms)
     second, third = weights_at(terms, tiles.column, tiles.row)
     if packed_w is None:
         return second, third
