@@ -7,6 +7,7 @@ triangles for each run, one for each of its tiles, and computes a colour for eac
 
 import functools
 
+import jax
 from jaxtyping import Array, Float
 
 from ..binning.tiles import TileLists
