@@ -32,16 +32,18 @@ from .wrapped_value import WrappedValue
 class Weights(NamedTuple):
     """Numbers from which the barycentric weights of corners 1 and 2 are computed, for each slot.
 
-    A slot is a triangle in a tile. For a triangle within the guard band, the weight of a corner at
-    a sample is `per_value` times the value of the opposite edge function there, plus `offset`. For
-    a triangle that reaches past the band it is the clamped value of `plane`. `weights_at` and
-    `weight_sums` evaluate the weights. Corners are those of the triangle reoriented to positive
-    area.
+    A slot is a triangle in a tile. Corners are those of the triangle reoriented to positive area.
+    For a triangle within the guard band (`Grid.margin`), the weight of a corner at a sample is
+    `per_value` times the value of the opposite edge function there, plus `offset`. For a triangle
+    that reaches past the band, the weight is the value of `plane`, clamped to 0..1. `weight_sums`
+    evaluates the weights, and `affine_weights` prepares them for `weights_at`.
 
     - `edges`: the edge functions opposite corners 1 and 2, which are edges 2 and 0, as one `Edge`
       of arrays `[2, *slots]`. Their sample (0, 0) is the upper left one of the slot's tile.
-    - `per_value`: one over the result of `twice_area`; 0 for triangles without area.
-    - `offset`: 1/3 for triangles without area, so that all corners have equal weights; else 0.
+    - `per_value`: one over the result of `twice_area`; 0 where that is 0, for triangles without
+      area.
+    - `offset`: 1/3 where the result of `twice_area` is 0, so that all corners have equal weights;
+      else 0.
     - `plane`: weights of triangles past the guard band, as affine functions in floats. The first
       axis has the weight at the tile's first sample, and its change from a sample to the next one
       to the right and to the next one below; the second axis has corners 1 and 2. None if no
@@ -73,11 +75,13 @@ class Weights(NamedTuple):
 def twice_area(edges: Edges, dtype: Any) -> Float[Array, " triangles"]:
     """Twice the area of each triangle, accurate to within a few roundings.
 
-    It is the sum of the three edge functions, in their unit, which is 2^-bits / rate square pixels
-    with the fields of `Grid`. It is positive, as edges are those of reoriented triangles, and 0 for
-    a triangle without area. It has no meaning for triangles past the guard band. With the fill rule
-    "top_left" it has none for triangles without area either, which cover no sample: it is not 0
-    there. `dtype` is the dtype of the result.
+    The result is the sum of the three edge functions, and has their unit: 2^-bits / rate square
+    pixels, with the fields of `Grid`. It is positive, as edges are those of reoriented triangles,
+    and 0 for a triangle without area. `dtype` is its dtype.
+
+    The result has no meaning in two cases: for triangles past the guard band (`Grid.margin`); and,
+    if the edge functions were made with the fill rule "top_left", for triangles without area. These
+    cover no sample then, and the result need not be 0.
     """
     start, estimate, fraction = (
         first + second + third for first, second, third in list(zip(*edges, strict=True))[2:]
@@ -98,7 +102,8 @@ def slot_weights(
     - `edges`: the edge functions of all triangles, with samples counted from the canvas's first.
     - `area`: the result of `twice_area` for all triangles. Its dtype is that of the weights.
     - `triangle`, `tile`: index of the triangle and of the tile of each slot.
-    - `planes`: weights of triangles past the guard band; None if no triangle can be there.
+    - `planes`: weights of triangles past the guard band (`Grid.margin`); None if no triangle can
+      reach past it.
     """
     column, row = tiling.first_sample(tile)
     opposite = [edges[k].gather(triangle).rebased(column, row) for k in (2, 0)]
@@ -121,14 +126,14 @@ class AffineWeights(NamedTuple):
     The weight at a sample is `scale * (start + right * column + down * row) + offset`, where the
     sum in brackets is an exact integer. `column` and `row` are those of the sample, counted from
     the first sample of the slot's tile. A slot is a triangle in a tile. For triangles past the
-    guard band the weight is the value of `plane` instead, clamped to 0..1. The first axis of
-    `start`, `right`, `down` and `offset` has corners 1 and 2.
+    guard band (`Grid.margin`) the weight is the value of `plane` instead, clamped to 0..1. The
+    first axis of `start`, `right`, `down` and `offset` has corners 1 and 2.
 
     - `start`, `right`, `down`: integers of the edge function opposite the corner. The function at
       the tile's first sample is `start` plus a multiple of 2^31 (`WrappedValue.split`) plus a
       fraction (`Edge.fraction`). `right` and `down` are its steps to the next sample to
       the right or below.
-    - `scale`: `Weights.per_value`.
+    - `scale`: one over twice the area of the triangle (`Weights.per_value`).
     - `offset`: `scale` times the sum of this multiple and this fraction, plus `Weights.offset`.
     - `plane`, `is_far`: as in `Weights`.
     """
@@ -162,8 +167,9 @@ def weights_at(
 
     `column` and `row` count samples from the tile's first one; they broadcast against the slot axes
     of `terms`. The weights may lie outside 0..1 at samples outside the triangle, except for
-    triangles past the guard band, where they are clamped. Both are 1/3 for a triangle without area.
-    The results equal the sums of `weight_sums` with a count of 1, up to roundings.
+    triangles past the guard band, where they are clamped. Both are 1/3 for a triangle without area,
+    unless the fill rule is "top_left", with which it covers no sample and its weights have no
+    meaning. The results equal the sums of `weight_sums` with a count of 1, up to roundings.
     """
     dtype = terms.scale.dtype
     weights = []
@@ -210,8 +216,9 @@ def weight_sums(
     - `down`: sum of the samples' rows, counted from 0 at the top of the tile.
 
     The slot axes of `weights` broadcast against `count`, `across` and `down`. For a triangle
-    without area each sum is `count` / 3. For triangles past the guard band the sums of corners 1
-    and 2 are clamped to 0..`count`.
+    without area each sum is `count` / 3, unless the fill rule is "top_left": then the sums have no
+    meaning. For triangles past the guard band the sums of corners 1 and 2 are clamped to
+    0..`count`.
     """
     dtype = weights.per_value.dtype
     number = count.astype(dtype)

@@ -48,8 +48,8 @@ class GridTriangles(NamedTuple):
     - `orientation`: sign of the area of the triangle as the scene gives it, -1, 0 or 1. The edges
       bound the reoriented triangle: where the sign is -1, corners 1 and 2 are exchanged.
     - `left`, `right`, `top`, `bottom`: the bounding box of the corners, which are clamped to the
-      guard band; inclusive. It is empty (`left > right`) for padding (`is_padding`) and for a
-      triangle with a corner that is not finite.
+      guard band (`Grid.margin`); inclusive. It is empty (`left > right`) for padding (`is_padding`)
+      and for a triangle with a corner that is not finite.
     - `fixed_sign`: 0 for an edge whose line decides which samples are inside. Otherwise the line is
       ignored, and the edge value is this number everywhere, so that all samples are inside (1) or
       outside (-1).
@@ -179,9 +179,9 @@ class Corners(NamedTuple):
     """Corners of triangles, snapped to the grid, in pixels from the canvas's upper left.
 
     - `high`, `low`: x and y of each corner, each as a double float, whose value is the exact sum of
-      `high` and `low`. Within the guard band `low` is zero.
-    - `finite`: false for a triangle that is padding, or has a corner that is not finite. Such a
-      triangle has all corners at (0, 0), and covers nothing.
+      `high` and `low`. Within the guard band (`Grid.margin`) `low` is zero.
+    - `finite`: false for a triangle that is padding (`is_padding`), or has a corner that is not
+      finite. Such a triangle has all corners at (0, 0), and covers nothing.
     """
 
     high: Float[HostOrDeviceArray, "triangles 3 2"]
@@ -303,10 +303,10 @@ def edge_functions(grid_triangles: GridTriangles, grid: Grid, fill_rule: str) ->
 
     Where `GridTriangles.fixed_sign` is not 0, the edge value is this number at every sample, and
     `Edge.fraction` has no meaning. `fill_rule` is `Hard.fill_rule`. With `"inclusive"`, samples
-    exactly on an edge are inside. With `"top_left"`, they are inside only of an edge that goes up,
-    or to the right along a row. From the edge function of every other edge, which is an integer, 1
-    is then subtracted before it is divided by 2^k, so that the samples on the edge are outside.
-    Moreover, the edge values of a triangle without area are then -1, so that it covers no sample.
+    exactly on an edge are inside. With `"top_left"`, they are inside only if the edge goes up, or
+    to the right along a row: 1 is subtracted from every other edge function, an integer, before the
+    division that gives the edge value, which is then negative on the edge. With `"top_left"`, a
+    triangle without area covers no sample either: all its edge values are -1.
     """
     rate, bits = grid.rate, grid.bits
     x, y, dx, dy = grid_triangles[:4]

@@ -50,8 +50,8 @@ without area.
 class WeightPlanes(NamedTuple):
     """Barycentric weights of corners 1 and 2 of far triangles, as affine functions of the sample.
 
-    A triangle is far if it reaches past the guard band. The first axis has corners 1 and 2 of the
-    reoriented triangle.
+    A triangle is far if it reaches past the guard band (`Grid.margin`). The first axis has corners
+    1 and 2 of the triangle reoriented to positive area.
 
     - `start`: the weights at sample (0, 0) of the canvas.
     - `right`, `down`: change of the weights from a sample to the next one to the right or below.
@@ -67,8 +67,8 @@ class WeightPlanes(NamedTuple):
 class FarTriangles(NamedTuple):
     """Exact corners of the triangles that reach past the guard band, in arrays of all triangles.
 
-    - `is_far`: whether each triangle reaches past the band. Where this is false, all corners are
-      (0, 0), and the orientation is 0.
+    - `is_far`: whether each triangle reaches past the guard band (`Grid.margin`). Where this is
+      false, all corners are (0, 0), and the orientation is 0.
     - `orientation`: sign of the area of the triangle as the scene gives it; 0 without area.
     - `x`, `y`: corners in pixels from the canvas's upper left, reoriented to positive area, as
       double floats `[3, triangles]`.

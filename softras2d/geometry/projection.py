@@ -69,7 +69,8 @@ def project(
     - `positions`, `triangles`: as in `Scene`.
     - `origin`: the point (x, y) of the scene, in whole pixels, at the canvas's upper left.
     - `fill_rule`: `Hard.fill_rule`.
-    - `cut`: whether triangles past the guard band are cut to it; otherwise they are clamped to it.
+    - `cut`: whether triangles past the guard band (`Grid.margin`) are cut to it; otherwise their
+      corners are clamped to it, which changes their shapes.
     - `weights`: whether to compute `Projection.planes`; ignored without `cut`.
     - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`. By
       default stages are called as they are.

@@ -20,9 +20,9 @@ class WrappedValue(NamedTuple):
     - `estimate`: the value as float32, with an error below 2^29.
 
     **Why the parts are enough.** Where the estimate is below 2^30 in size, the value is below
-    2^30 + 2^29, so that it fits 32 bits and equals `wrapped`. Elsewhere the value is above
-    2^30 - 2^29, and has the sign of the estimate. An error below 2^31 determines the multiple
-    of 2^32 that was lost, and thus the value itself.
+    2^30 + 2^29 in size, so that it fits 32 bits and equals `wrapped`. Elsewhere the value is above
+    2^30 - 2^29 in size, and has the sign of the estimate. As the error is below 2^31, the estimate
+    also determines the multiple of 2^32 that `wrapped` lacks, and thus the value itself.
 
     **Why the bound holds.** The estimate of one edge value errs by less than 2^20 at every sample
     of the canvas (`fixed_point`), the sum over the at most 256 samples of a pixel by less than
@@ -77,8 +77,9 @@ class WrappedValue(NamedTuple):
     def clamped(self) -> HostOrDeviceArray:
         """The value as int32 where it is near zero (`is_near_zero`), elsewhere +-2^30 by its sign.
 
-        Within a tile an edge value changes by less than 34 |dy| + 31 |dx| < 2^30. So an edge value
-        that is clamped at the tile's first sample has the same sign in all of the tile.
+        From a tile's first sample to any other sample of the tile, an edge value changes by less
+        than 34 |dy| + 31 |dx| < 2^30, where (dx, dy) is the vector along the edge (`fixed_point`).
+        So clamping it at the first sample does not change its sign at any sample of the tile.
         """
         xp = self.estimate.__array_namespace__()
         far = xp.where(self.estimate > 0, LARGE_ESTIMATE, -LARGE_ESTIMATE).astype(xp.int32)
@@ -98,9 +99,10 @@ class WrappedValue(NamedTuple):
         return self.wrapped ^ (is_odd << 31), number * 2.0**31
 
     def to_float(self, dtype: DTypeLike) -> HostOrDeviceArray:
-        """The value as a float of `dtype`, with at most three roundings, or one below 2^31 in size.
+        """Convert the value to a float of `dtype`.
 
-        In float64 it is exact.
+        The value is rounded at most three times, and only once if it is below 2^31 in size. In
+        float64 the result is exact.
         """
         xp = self.estimate.__array_namespace__()
         difference = self.estimate - self.wrapped.astype(self.estimate.dtype)
