@@ -1,8 +1,9 @@
-"""Blocks of a few tiles, whose lists are visited together, position by position.
+"""Blocks of a few tiles, whose lists of triangles are visited together, position by position.
 
 A step visits one position in the lists of all tiles of a block. Blocks are so small that the data
-of their samples fit a core's cache (`numerics.one_core`). What the steps compute for each entry is
-kept for a segment of the lists, and then written to the arrays of all entries at once.
+of their samples fit a core's cache (`numerics.one_core`). A segment is `SEGMENT` successive
+positions. What the steps compute for each entry of the lists is collected for one segment, and then
+written to the arrays of all entries at once.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,7 @@ Inputs = TypeVar("Inputs")
 Result = TypeVar("Result")
 
 TILES, SEGMENT = 16, 16
-"""Number of tiles in a block, and number of positions in a segment.
+"""Number of tiles in a block, and number of successive positions in a segment of the tile lists.
 
 At 16 samples per pixel, one float32 number for each sample of a block takes 64 KiB. Half or twice
 as many tiles, or positions, take longer (1,000 triangles, 512 pixels)."""
@@ -28,8 +29,8 @@ class Blocks(NamedTuple):
     """Tiles grouped into blocks of `TILES`, with the list of each tile.
 
     - `tile`: index of each tile.
-    - `start`, `count`: index of the first entry of the tile's list in the tile lists, and the
-      length of the list.
+    - `start`, `count`: index of the first entry of each tile's list in `TileLists`, and the length
+      of the list.
     """
 
     tile: Int[Array, "*blocks block"]
@@ -38,7 +39,7 @@ class Blocks(NamedTuple):
 
 
 def small_blocks(steps: Steps) -> Blocks:
-    """Cut the blocks of `steps` into smaller ones, in which the tiles keep their order."""
+    """Cut the blocks of `steps` into blocks of `TILES` tiles, without changing the tiles' order."""
     assert BLOCK % TILES == 0
     return Blocks(*(entry.reshape(-1, TILES) for entry in (steps.tile, steps.start, steps.count)))
 
@@ -48,8 +49,10 @@ def scene_by_scene(
 ) -> Callable[[Inputs], Result]:
     """Wrap a function so that `jax.vmap` calls it for one scene of a batch after another.
 
-    Scenes of few tiles are still processed at once. The blocks of tiles of a whole batch of larger
-    ones would not fit in the cache. `function` is as in `one_by_one`.
+    If `tiling` has at most `TILES` tiles, or JAX does not run on the CPU, `function` is returned
+    unchanged, so that `jax.vmap` computes the whole batch at once. With more tiles, the data of a
+    whole batch would not fit in the CPU's cache. `function` maps a tree of arrays to a tree of
+    arrays, and may not close over traced values (`one_by_one`).
     """
     return one_by_one(function) if tiling.count > TILES else function
 
@@ -59,8 +62,9 @@ def entries_at(
 ) -> tuple[Int[Array, "*positions block"], Bool[Array, "*positions block"]]:
     """Index in the tile lists of the entry at a position of each list, and whether it exists.
 
-    `block` has no axis of blocks. Positions count from 0, from the front of the lists or from their
-    end.
+    - `block`: the lists of one block, in arrays `[block]` without an axis of blocks.
+    - `position`: one or more positions, counted from 0.
+    - `from_end`: whether positions count from the end of each list; otherwise from its front.
     """
     position = position[..., None]
     start, count = (x.reshape((1,) * (position.ndim - 1) + (-1,)) for x in block[1:])

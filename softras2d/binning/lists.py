@@ -27,6 +27,9 @@ BLOCK = 64
 class Chunks(NamedTuple):
     """Tile lists cut into chunks; the chunks of a tile follow each other, in the order of its list.
 
+    A chunk is a piece of one tile's list, in a fixed number of slots. A slot holds one triangle or
+    is empty.
+
     - `triangle`, `filled`: index of the triangle in each slot, and whether the slot holds one.
     - `entry`: index of the slot's entry in the arrays of `TileLists`. In empty slots `triangle` and
       `entry` have no meaning.
@@ -79,7 +82,7 @@ class Steps(NamedTuple):
 
 
 def cut_chunks(lists: TileLists, *, slots_per_chunk: int, capacity: int) -> Chunks:
-    """Cut every tile's list into chunks of `slots_per_chunk` slots.
+    """Cut every tile's list of triangles into chunks of `slots_per_chunk` slots (`Chunks`).
 
     The result has `capacity` chunks for all tiles together. If more are needed, triangles are
     missing (`Chunks.needed`).
@@ -141,9 +144,9 @@ def chunks_of_all(triangles: int, tiles: int, *, slots_per_chunk: int) -> Chunks
 
     The slots of a tile hold the triangles from the last in draw order to the first. If the
     triangles do not fill a tile's chunks, the first slots of its first chunk stay empty, and not
-    the last slots of its last chunk. The triangles that `pad` appends then fill these slots and
-    chunks before the first. All others keep their slot in their chunk, so that sums over the slots
-    of a chunk do not change by a rounding.
+    the last slots of its last chunk. The triangles that `pad` appends are last in draw order, so
+    they fill these slots, and new chunks before the first. All other triangles keep their slots in
+    their chunks, so that sums over the slots of a chunk do not change by a rounding.
     """
     per_tile = -(-triangles // slots_per_chunk)
     number = jnp.arange(tiles * per_tile, dtype=jnp.int32)

@@ -28,8 +28,8 @@ class Pairs(NamedTuple):
 
     A pair is hidden if an opaque triangle in front of its triangle certainly covers the whole tile.
 
-    - `triangle`, `tile`: index of the triangle and of the tile. Hidden pairs and unused entries
-      have the tile `tiling.count`, one past the last.
+    - `triangle`, `tile`: index of the triangle and of the tile. Hidden pairs, and unused entries
+      after the last pair, have the tile `tiling.count`, one past the last.
     - `covers_tile`: whether the triangle certainly covers the whole tile; without meaning in unused
       entries and for triangles without area.
     - `strip_total`, `pair_total`: number of strips (`strips.Strips`) and of pairs that the
@@ -54,7 +54,7 @@ def find_pairs(
     expand_pairs: Expand,
     materialize: Callable[[Any], Any] = lambda stage: stage,
 ) -> Pairs:
-    """List the pairs of a triangle and a tile that it may touch, and mark hidden pairs.
+    """List the pairs of a triangle and a tile that it may touch, and mark hidden pairs (`Pairs`).
 
     Used for sampled and for analytic coverage.
 
@@ -66,7 +66,7 @@ def find_pairs(
       before it in draw order. The caller passes false for all triangles of a scene with depth.
     - `expand_strips`, `expand_pairs`: functions that expand counts into lists
       (`expansion.Expand`): the number of strips of each triangle, and the number of tiles of each
-      strip.
+      strip. A strip is a triangle in a row of tiles.
     - `materialize`: a function that wraps each stage, such as `fusion_barrier.materialized`. By
       default stages are called as they are.
     """

@@ -50,9 +50,9 @@ class Strips(NamedTuple):
 class RowEdge(NamedTuple):
     """An edge function in the row of tiles of each strip, as float32, positive inside.
 
-    If it is made from an `Edge` (sampled coverage), all numbers are in the unit of edge values
-    (`geometry.fixed_point`). If it is made from a `Line` (analytic coverage), they are in pixels,
-    and a sample is the centre of a pixel.
+    A strip is a triangle in a row of tiles. If the function is made from an `Edge` (sampled
+    coverage), all numbers are in the unit of edge values (`geometry.fixed_point`). If it is made
+    from a `Line` (analytic coverage), they are in pixels, and a sample is the centre of a pixel.
 
     - `value`: the function at sample column 0 of the canvas, in the first sample row of the row of
       tiles.

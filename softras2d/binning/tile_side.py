@@ -40,7 +40,7 @@ With this threshold all small scenes use the same side, and so share compiled pr
 
 
 def choose_side(scenes: Sequence[np.ndarray], grid: Grid, reach: float) -> int:
-    """Choose the side of a tile, in pixels, of `SIDES`, that needs the least work for all scenes.
+    """Choose, from `SIDES`, the side of a tile, in pixels, that needs least work for all scenes.
 
     The first of `SIDES` is chosen unless another saves more than `_LEAST_SAVING` per scene, in the
     mean of the scenes.

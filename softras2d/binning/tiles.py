@@ -26,9 +26,10 @@ class TileLists(NamedTuple):
     - `triangle`, `tile`: index of the triangle and of the tile of each entry. Entries beyond the
       sum of `count` have no meaning.
     - `start`, `count`: index of the first entry of each tile's list, and the list's length.
-    - `strips`, `pairs`: number of strips and of pairs that were needed to make the lists, including
-      hidden pairs (`strip_total` and `pair_total` of `pairs.Pairs`). If either number exceeds the
-      capacity of its list, triangles are missing.
+    - `strips`, `pairs`: number of pairs of a triangle and a row of tiles, and of a triangle and a
+      tile, that were needed to make the lists, including hidden pairs (`strip_total` and
+      `pair_total` of `pairs.Pairs`). If either number exceeds the capacity of its list, triangles
+      are missing.
     """
 
     triangle: Int[Array, " pairs"]
@@ -53,7 +54,8 @@ def list_tiles(
     - `edges`, `bounds`: as in `pairs.find_pairs`.
     - `is_occluder`: as in `pairs.find_pairs`. Where such a triangle certainly covers a whole
       tile, the triangles before it in draw order are not listed for that tile.
-    - `strips`, `pairs`: capacities of the lists of strips and of pairs.
+    - `strips`, `pairs`: capacities of the lists of strips (pairs of a triangle and a row of tiles)
+      and of pairs of a triangle and a tile.
     """
     triangles = is_occluder.shape[0]
     listed = find_pairs(
