@@ -8,12 +8,13 @@ from typing import Any
 
 
 def checked_integer(name: str, value: Any, minimum: int, maximum: int | None = None) -> int:
-    """Return an argument as a Python integer; raise `ValueError` unless it is one in its range.
+    """Return an argument as a Python integer; raise `ValueError` unless it is an integer in range.
 
-    Integers of NumPy and JAX are accepted too. Booleans are not, and neither are floats, not even
-    whole ones, nor traced integers, whose values are unknown.
+    Integers of NumPy and JAX are accepted too. Booleans, floats (even whole ones) and traced
+    integers, whose values are unknown, are refused.
 
     - `name`: the argument's name, for the message.
+    - `value`: the argument as the caller gave it.
     - `minimum`, `maximum`: the range, both included; no upper end if `maximum` is None.
     """
     try:

@@ -45,10 +45,10 @@ def apply_if_any(
 
 @jax.custom_batching.custom_vmap
 def greatest_of_batch(number: Int[Array, ""]) -> Int[Array, ""]:
-    """Return the greatest number in the batch; without `jax.vmap`, the number itself.
+    """Return the greatest `number` in the batch; without `jax.vmap`, the number itself.
 
-    The result is the same for all elements of the batch. In nested batches it is the greatest of
-    all.
+    The result is the same for all elements of the batch. Under nested `jax.vmap` it is the greatest
+    number of all batches.
     """
     return number
 

@@ -31,10 +31,11 @@ def map_blocks(
       elements of the batch can skip it.
     - `size`: number of entries in a block.
 
-    If JAX's default backend is not the CPU, and for at most `size` entries, all entries are
+    If JAX's default backend is not the CPU, or there are at most `size` entries, all entries are
     computed as one block, whatever `used_count` is; other devices need many entries at once.
 
-    With several blocks and a traced `used_count`, it is not differentiable in reverse mode.
+    With several blocks and a traced `used_count`, the results are not differentiable in reverse
+    mode.
     """
     count = jax.tree.leaves(entries)[0].shape[0]
     if count <= size or jax.default_backend() != "cpu":
@@ -64,9 +65,10 @@ def map_differentiable_blocks(
 ) -> Tree:
     """Apply `function` to blocks of entries along the last axis; differentiable in both modes.
 
-    Like `map_blocks`, but for the last axis, and a gradient computes a block again instead of
-    storing its intermediate results. All blocks have equal sizes, at most `size` and at least half
-    of it; the last one may be filled up with entries that are 0.
+    This is like `map_blocks`, but along the last axis, and a gradient computes each block again
+    instead of storing its intermediate results. If there are several blocks, all have the same
+    size, at most `size` and at least half of `size`; the last block may be filled up with entries
+    that are 0. Results of skipped blocks are 0.
 
     - `function`: maps a block to results with the same last axis. It must treat all entries alike
       and independently, and the results of entries that are not used must be 0. Its derivatives at

@@ -21,8 +21,9 @@ _PACKAGE = str(Path(__file__).parent.parent) + os.sep
 def refuse_integer_bytes(name: str, colors: Any) -> None:
     """Raise `ValueError` for integer colours that can only be bytes, because some are above 1.
 
-    The message begins with `name`. The values of traced colours are not known, so all unsigned
-    integers are refused there as bytes, and signed ones are accepted. Other dtypes are not checked.
+    The message begins with `name`. The values of traced colours are not known: traced unsigned
+    integers are all refused as bytes, and traced signed integers are all accepted. Colours that are
+    not integers are not checked.
     """
     if not jnp.issubdtype(colors.dtype, jnp.integer):
         return

@@ -21,10 +21,10 @@ def keep_compiled_programs() -> None:
 
     Call it before the first render; the command line does so by itself. The programs are kept in
     `cache_folder()`, which is created if it does not exist. If it holds more than 512 MiB, its
-    oldest programs are deleted first. Nothing is kept if there is no such folder that can be
-    written to. Where a folder is set already (by `JAX_COMPILATION_CACHE_DIR`, for instance), this
-    function does nothing. Several processes may share the cache: JAX compiles again if it cannot
-    read an entry.
+    oldest programs are deleted first. If the folder cannot be created or written to, no programs
+    are kept. Where JAX has a cache folder already (set by `JAX_COMPILATION_CACHE_DIR`, for
+    instance), this function does nothing. Several processes may share the cache: JAX compiles again
+    if it cannot read an entry.
 
     JAX keeps no program that calls the host, and a program that raises an error on overflow
     (`plan(..., on_overflow="raise")`) does so. Programs with `on_overflow="nan"` or

@@ -1,4 +1,4 @@
-"""Choose between two programs for the same values by what is differentiated."""
+"""Chooses between two programs that compute the same values, by what is differentiated."""
 
 import functools
 from collections.abc import Callable
@@ -13,11 +13,12 @@ Result = TypeVar("Result")
 def unless_differentiated(
     usual: Callable[[Any, Any], Result], otherwise: Callable[[Any, Any], Result]
 ) -> Callable[[Any, Any], Result]:
-    """Make a function of `(watched, rest)` that computes `usual`, and its derivatives.
+    """Make a function of `(watched, rest)` that runs `usual`, unless `watched` is differentiated.
 
-    Where derivatives with respect to any array in `watched` are asked for, in either mode, it
-    computes `otherwise` and its derivatives. Both functions must compute the same values. They take
-    two trees of arrays, and may not close over traced values.
+    Where derivatives with respect to any array in `watched` are asked for, in forward or reverse
+    mode, the made function runs `otherwise` instead. Derivatives are those of the function that is
+    run, so those with respect to `rest` alone are those of `usual`. Both functions take two trees
+    of arrays, must compute the same values, and may not close over traced values.
     """
 
     @jax.custom_jvp

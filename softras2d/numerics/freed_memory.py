@@ -25,10 +25,11 @@ def keep_freed_memory() -> bool:
     """Let the C library keep freed memory, up to 2 GiB in each heap; return whether it will.
 
     This changes the whole process, so a library should not do it unasked: it is for programs that
-    draw again and again. The main thread has a heap of its own. The heap of another thread does not
-    hold arrays of more than some 60 MiB, on which this has no effect there. Before glibc 2.35 it
-    has no effect on arrays of 32 MiB or more. Nothing is changed on systems other than Linux with
-    glibc, nor if the environment sets up the allocator (`MALLOC_...`, `GLIBC_TUNABLES`).
+    draw again and again. The main thread has a heap of its own. The heaps of other threads cannot
+    hold arrays of more than some 60 MiB, so the setting has no effect on such arrays in those
+    threads. Before glibc 2.35 it has no effect on arrays of 32 MiB or more. Nothing is changed on
+    systems other than Linux with glibc, nor if the environment sets up the allocator
+    (`MALLOC_...`, `GLIBC_TUNABLES`).
     """
     is_set_up = any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ)
     if sys.platform != "linux" or is_set_up:

@@ -78,9 +78,10 @@ def _shape(x, *leaves, pair: _MapAndTranspose):
 
 
 def _jvp(primals, tangents, *, pair: _MapAndTranspose):
-    """Compute the map's value and its tangent.
+    """Compute the map's value and its tangent, from those of x and of the leaves of `fixed`.
 
-    The derivative by x is the map itself; the derivative by the leaves of `fixed` is by autodiff.
+    The derivative with respect to x is the map itself. The derivative with respect to the leaves is
+    that of `forward`, by autodiff.
     """
     x, *leaves = primals
     x_tangent, *leaf_tangents = tangents

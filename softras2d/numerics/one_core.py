@@ -32,8 +32,9 @@ def on_one_core(
 ) -> Shaped[Array, "..."]:
     """Return `compute(*args)`, computed on one core of the CPU however large the arguments are.
 
-    `step` is any traced integer, such as the counter of a loop. Under `jax.vmap` and on other
-    devices this is a plain call, because a batch has work for several cores.
+    `step` is any traced integer, such as the counter of a loop; the result does not depend on it.
+    Under `jax.vmap` this is a plain call, because a batch has work for several cores. On other
+    devices it is a plain call too.
     """
     if jax.default_backend() != "cpu":
         return compute(*args)
@@ -59,7 +60,7 @@ def on_one_core(
 def _write_slot(
     compute: Callable[..., Shaped[Array, "..."]], slot: Int[Array, ""], *args: Any
 ) -> Shaped[Array, "2 ..."]:
-    """Write `compute(*args)` into one of two entries of an array, and 0 into the other."""
+    """Make an array of two entries: `compute(*args)` at index `slot`, 0 or 1, and else 0."""
     value = compute(*args)
     slots = jnp.zeros((2, *value.shape), value.dtype)
     return jax.lax.dynamic_update_index_in_dim(slots, value, slot, 0)

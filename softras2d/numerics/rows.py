@@ -26,9 +26,10 @@ class _Layout(NamedTuple):
 
 
 class Columns(eqx.Module):
-    """A tree of arrays `[..., entries]`, as one array of integers and one of floats.
+    """A tree of arrays `[..., entries]`, packed into one array of integers and one of floats.
 
-    Either is None if the tree has none. A boolean is an integer, 0 or 1.
+    An array is None if the tree has no numbers of its kind. Booleans are stored as integers, 0 or
+    1. `layout` says how the tree is rebuilt.
     """
 
     integers: Int[Array, "integers entries"] | None
@@ -36,7 +37,7 @@ class Columns(eqx.Module):
     layout: _Layout = eqx.field(static=True)
 
     def unpack(self) -> Any:
-        """Return the tree.
+        """Return the tree of arrays `[..., entries]`, with its original dtypes.
 
         To be called where the arrays are used, so that the compiler does not copy them.
         """
@@ -54,7 +55,8 @@ class Columns(eqx.Module):
 class Rows(eqx.Module):
     """A tree of arrays `[..., entries]`, as one row of integers and one of floats for each entry.
 
-    Either is None if the tree has none.
+    `integers` or `floats` is None if the tree has no numbers of this kind. Booleans are stored as
+    integers, 0 or 1. `layout` says how the tree is rebuilt.
     """
 
     integers: Int[Array, "entries integers"] | None
@@ -66,7 +68,8 @@ class Rows(eqx.Module):
     ) -> Columns:
         """Gather the entries at `index` on one core, and repeat each of them `repeats` times.
 
-        An index past the last entry stands for the last. `step` is as in `on_one_core`.
+        The repetitions of an entry follow each other in the result. An index past the last entry
+        stands for the last. `step` is any traced integer, such as a loop's counter (`on_one_core`).
         """
         gather = functools.partial(_gather_columns, index=index, step=step, repeats=repeats)
         integers = None if self.integers is None else gather(self.integers)
@@ -76,9 +79,9 @@ class Rows(eqx.Module):
 
 @materialized
 def pack_rows(tree: Any) -> Rows:
-    """Pack a tree of arrays `[..., entries]`, which are int32, booleans or floats.
+    """Pack a tree of arrays `[..., entries]`, which are int32, booleans or floats, into `Rows`.
 
-    Floats are stored in the widest of their dtypes.
+    All floats are stored in the widest of their dtypes.
     """
     leaves, structure = jax.tree.flatten(tree)
     layout = _Layout(
