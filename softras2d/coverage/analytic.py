@@ -31,7 +31,7 @@ from ..numerics.linear_map import linear_map
 from .tile_sums import for_each_block, gather_slots, spread
 
 Geometry = TypeVar("Geometry")
-"""Data that the pixels of a slot share: a tree of arrays `[slots]`."""
+"""Data that the pixels of a slot, a triangle in a tile, share: a tree of arrays `[slots]`."""
 
 Coordinates = tuple[Array, Array, Array, Array, Array, Array]
 """Six arrays with an entry for each slot: x and y of corner 0, then of corners 1 and 2.
@@ -55,10 +55,11 @@ Values = Array | tuple[Array, ...]
 class PixelFunction(eqx.Module, Generic[Geometry]):
     """One or more quantities of a pixel that depend on the corners of one triangle.
 
-    `value`, `jvp` and `parameter_derivative` take the geometry of the triangle, the parameter, and
-    a pixel, which is given by its centre (x, y) in pixels from the upper left of the slot's tile.
-    They broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry `[slots]` with one
-    point.
+    A slot is a triangle in a tile. `value`, `jvp` and `parameter_derivative` take the slot's
+    geometry, which is computed from the corners and shared by all pixels, the parameter
+    (`Parameter`), and a pixel, which is given by its centre (x, y) in pixels from the upper left of
+    the slot's tile. They broadcast: geometry `[slots, 1]` with points `[1, pixels]`, or geometry
+    `[slots]` with one point.
 
     - `tile_side`: side of a tile, in pixels.
     """
@@ -69,7 +70,7 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
     def value(
         self, geometry: Geometry, parameter: Parameter, x: PointValues, y: PointValues
     ) -> Values:
-        """Compute the quantity at each pixel, in 0..1, or a tuple of several such quantities.
+        """Evaluate the function at each pixel: one quantity in 0..1, or a tuple of several.
 
         (`x`, `y`) is the centre of the pixel, in pixels from the upper left of the slot's tile.
         """
@@ -91,11 +92,12 @@ class PixelFunction(eqx.Module, Generic[Geometry]):
 
     @abc.abstractmethod
     def vjp(self, geometry: Geometry, parameter: Parameter, cotangent: Array) -> Coordinates:
-        """Compute the transpose of `jvp`: sums over the pixels of each slot, and over its values.
+        """Compute the transpose of `jvp`: derivatives by the corners, summed over a slot's pixels.
 
-        `cotangent` is `[*values, slots, pixels]`: the cotangent of the value at every pixel of a
-        tile, row by row from the top. Returns the derivatives with respect to the six coordinates
-        of the corners, each `[slots]`.
+        `cotangent` is `[*values, slots, pixels]`: the cotangent of the value, or of each of several
+        values, at every pixel of a tile, row by row from the top. Returns the derivatives of
+        `sum(cotangent * value)` with respect to the six coordinates of each slot's corners, each
+        `[slots]`.
         """
 
     def parameter_derivative(
@@ -240,9 +242,10 @@ def _jvp_where_nonzero(
 def _may_add_to_vjp(
     function: PixelFunction, value: Array, cotangent: Array
 ) -> Bool[Array, "slots pixels"]:
-    """Whether each pixel may add to the vjp.
+    """Whether each pixel may add to the vjp of `function`.
 
-    It may if one of its values has a cotangent that is not 0, and derivatives that may not be 0.
+    A pixel may if one of its values has a cotangent other than 0, and is not known to have only
+    zero derivatives (`PixelFunction.has_zero_derivatives`).
     """
     return _any_value((cotangent != 0) & ~function.has_zero_derivatives(value))
 

@@ -46,8 +46,8 @@ class ClippedEdge(NamedTuple):
     - `inverse_run`, `inverse_rise`: one over `run` and one over `rise`, clamped to 2^60 in
       magnitude; 0 where `run` or `rise` is 0.
     - `run_per_rise`: `run` times `inverse_rise`.
-    - `full_run`, `full_rise`: the vector along the whole edge, for derivatives. For an unsigned
-      area it is reduced where the triangle is degenerate (`clip_outline`).
+    - `full_run`, `full_rise`: the vector along the whole edge, before clipping, for derivatives. It
+      is shortened where the triangle is degenerate, unless areas are signed (`clip_outline`).
     - `start`: how far along the whole edge the clipped edge begins: 0..1, unless nothing is left
       of it.
     - `share`: length of the clipped edge as a fraction of the whole edge; 0 if nothing is left.

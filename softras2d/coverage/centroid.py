@@ -89,10 +89,10 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     ) -> tuple[Array, ...]:
         """Compute the change of the weights of corners 1 and 2 as the corners move.
 
-        It has two terms. The area that the moving edges sweep moves the centroid, and the weights
-        change at a fixed point. It is 0 in a pixel without a centroid (`_Centroid.exists`). For
-        thin triangles it is not the derivative of `value`: the blend is left out, and gradients of
-        a weight above 64 per pixel are reduced (`_STEEP`).
+        The change is the sum of two terms: the centroid moves with the area that the moving edges
+        sweep, and the weights change at a fixed point. It is 0 in a pixel without a centroid
+        (`_Centroid.exists`). For thin triangles it is not the derivative of `value`: the blend of
+        `value` is left out, and gradients of a weight above 64 per pixel are reduced (`_STEEP`).
         """
         centroid = _centroid(geometry, x, y)
         inverse_area = _inverse_area(centroid)
@@ -119,8 +119,8 @@ class CentroidWeights(PixelFunction[AreaGeometry]):
     ) -> Coordinates:
         """Sum the derivatives of the weights by the corners, times the cotangents, over the pixels.
 
-        The two weights are first combined in each pixel to one affine function, weighted by the
-        cotangents, as the derivatives are linear in its gradient.
+        In each pixel the two weights, which are affine functions, are first combined to one, their
+        sum weighted by the cotangents: the derivatives are linear in the gradient of a weight.
         """
         x, y, inverse_area = _centroids(geometry, parameter, self.tile_side)
         gx, gy = _weighted_gradient(geometry, inverse_area, cotangent)

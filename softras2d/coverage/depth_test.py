@@ -43,7 +43,8 @@ class Depths(NamedTuple):
     """Depth of all triangles as an affine function of the position on the screen.
 
     - `edges`: edge functions of the triangles, reoriented to positive area.
-    - `planes`: barycentric weights of triangles past the guard band; None if there can be none.
+    - `planes`: barycentric weights of triangles that reach past the guard band (`Grid.margin`);
+      None if no triangle can reach past it.
     - `depth`: depth of corners 0, 1 and 2 of each triangle, reoriented like `edges`.
     """
 
@@ -64,10 +65,11 @@ def keep_nearest(
     - `depths`: depth of all triangles.
     - `words`: the coverage words (`sampled`) of each entry of `lists`, which is a pair of a
       triangle and a tile: one word for each row of samples of the tile.
-    - `steps`: the tiles of `lists` in blocks. Each list is visited in draw order. A triangle passes
-      at a sample if it lies no deeper than every triangle that was drawn there before.
+    - `steps`: the tiles of `lists` in blocks.
 
-    Returns words of the same layout. Entries that no step visits get words of 0. Not
+    Each list is visited in draw order. A triangle passes at a sample if it lies no deeper than
+    every triangle that was drawn there before. Returns words of the same layout, in which the bits
+    of the samples that passed are left. Entries that belong to no list get words of 0. Not
     differentiable.
     """
     test = scene_by_scene(functools.partial(_keep_nearest, tiling=tiling), tiling)
@@ -94,8 +96,10 @@ def _keep_nearest(
 class _Terms(NamedTuple):
     """Numbers from which the depth of a triangle at the samples of a tile is computed.
 
-    The edge value opposite corner 1 or 2 is `start`, plus a multiple of `right` and of `down`, plus
-    `high`, in floats. All other fields are those of `barycentric.Weights` and `Depths.depth`.
+    At column i and row j of the tile's samples, the edge value opposite corner 1 or 2 is the
+    integer `start` + `right` i + `down` j plus the float `high`, a multiple of 2^31
+    (`WrappedValue.split`). `fraction` is `Edge.fraction` of these edges. The other fields are those
+    of `barycentric.Weights` and `Depths.depth`.
     """
 
     start: Int[Array, "2 entries"]
@@ -185,7 +189,8 @@ def _gather_entry(
 ) -> tuple[UInt32[Array, " lines"], Columns]:
     """Gather the coverage words and the `_Terms` of one entry of the list of each tile.
 
-    `position` counts entries from the end of the lists, so that triangles come in draw order. Words
+    `position` counts entries from the end of the lists, so that triangles come in draw order. Both
+    results have an entry for each line, a row of samples in one tile (`_depth_at_samples`). Words
     are 0 for a tile whose list has ended.
     """
 
@@ -232,7 +237,8 @@ def _test(
     """Find the samples that a triangle covers and at which it passes the depth test.
 
     It passes where its `depth` is not greater than `least`, the least depth so far. `words` are the
-    coverage words of the triangles, one for each line (`_depth_at_samples`). So is the result.
+    coverage words of the triangles, one for each line, a row of samples in one tile
+    (`_depth_at_samples`). The result has one word for each line too.
     """
     bits = [
         jnp.where(column_depth <= column_least, jnp.uint32(1 << column), jnp.uint32(0))
@@ -259,10 +265,11 @@ def depth_at(
     """Depth of a triangle's plane at a sample, whether the triangle covers it or not.
 
     `triangle` holds indices of triangles. `sample` is the column and the row of a sample on the
-    canvas, each an array laid out like `triangle`. For a triangle past the guard band, depth leaves
-    its plane outside the triangle, because weights are clamped (`weights_and_depth`). The depth of
-    a triangle without area is the mean depth of its corners. With the fill rule "top_left" it has
-    no meaning, as such a triangle covers no sample.
+    canvas, each an array laid out like `triangle`. For a triangle past the guard band
+    (`Grid.margin`), the depth at samples outside the triangle is not that of the plane, because
+    weights are clamped (`weights_and_depth`). The depth of a triangle without area is the mean
+    depth of its corners; with the fill rule "top_left", with which such a triangle covers no
+    sample, its depth has no meaning.
     """
     area = twice_area(depths.edges, depths.depth.dtype)
     return weights_and_depth(depths, area, triangle, sample, tiling)[1]
@@ -277,10 +284,11 @@ def weights_and_depth(
 ) -> tuple[tuple[Array, Array, Array], Float[Array, "*samples"]]:
     """Barycentric weights of a triangle's corners at a sample, and the depth of its plane there.
 
-    The weights are affine on the screen, and in the order of the reoriented corners. Those of
-    corners 1 and 2 are clamped to 0..1 for a triangle past the guard band. `area` is the result of
-    `twice_area` for all triangles, and `sample` is as in `depth_at`. The triangle need not cover
-    the sample.
+    `triangle` holds indices of triangles, and `sample` is the column and the row of a sample on the
+    canvas, each laid out like `triangle`. The triangle need not cover the sample. `area` is the
+    result of `twice_area` for all triangles. The weights are affine on the screen, and are those of
+    corners 0, 1 and 2 of the triangle reoriented to positive area. Those of corners 1 and 2 are
+    clamped to 0..1 for a triangle past the guard band (`Grid.margin`).
     """
     # Samples of the first tile are counted from the corner of the canvas.
     tile = jnp.zeros_like(triangle)

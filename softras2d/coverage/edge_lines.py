@@ -18,7 +18,8 @@ from ..numerics.double_float import Pair, product_of, sum_of
 class EdgeLine(NamedTuple):
     """The line of one edge of each slot's triangle, as seen from the upper left of the slot's tile.
 
-    Edge k goes from corner k to the next corner. Lengths are in pixels.
+    A slot is a triangle in a tile. Edge k goes from corner k to the next corner. Lengths are in
+    pixels.
 
     - `distance`: signed distance of the tile's upper left from the line, positive on the side of
       the triangle. At a point (x, y) from the tile's upper left, the distance is greater by
@@ -51,7 +52,7 @@ CornerMatrix = tuple[CornerValues, CornerValues, CornerValues]
 
 
 class TriangleLines(NamedTuple):
-    """The three edge lines of each slot, and how degenerate its triangle is.
+    """The three edge lines of each slot, a triangle in a tile, and how degenerate the triangle is.
 
     - `first`, `second`, `third`: the lines of edges 0, 1 and 2.
     - `has_area`: whether the area of the triangle is positive.
@@ -204,10 +205,10 @@ def mix_velocity(mixing: CornerMatrix, velocity: tuple[Array, ...]) -> tuple[Arr
 def mix_gradient(
     mixing: CornerMatrix, gradient: tuple[Array, ...]
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Apply the transpose of `mix_velocity`.
+    """Mix derivatives with respect to the corners by the transpose of `TriangleLines.mixing`.
 
-    `gradient` and the result hold the derivatives with respect to x and y of corner 0, then of
-    corners 1 and 2.
+    This is the transpose of `mix_velocity`. `gradient` and the result hold the derivatives with
+    respect to x and y of corner 0, then of corners 1 and 2.
     """
     first, second, third, fourth, fifth, sixth = (
         mixing[0][corner] * gradient[axis]

@@ -32,10 +32,11 @@ from .tile_sums import spread, sum_moments
 class NearestWeights(PixelFunction[TriangleLines]):
     """Barycentric weights of corners 1 and 2 at the point of the triangle nearest to a pixel.
 
-    It is the point nearest to the pixel's centre. For a triangle thinner than a few roundings, it
-    is taken on the edges. In triangles thinner than a pixel, and along edges shorter than a pixel,
-    the derivatives use a gradient of the weight that is clamped to 1 per pixel, because the pixel's
-    centre stands for more area than the triangle has. The function has no parameter.
+    The nearest point is the one nearest to the pixel's centre. For a triangle thinner than a few
+    roundings, it is taken on the edges. In triangles thinner than a pixel, and along edges shorter
+    than a pixel, the derivatives use a gradient of the weight that is clamped to 1 per pixel,
+    because the pixel's centre stands for more area than the triangle has. The function has no
+    parameter.
     """
 
     def value(
@@ -136,8 +137,8 @@ _INSIDE, _AROUND_CORNER = 3, 4
 def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Array]:
     """Compute the weights of corners 0, 1 and 2 at the triangle's point nearest to a pixel.
 
-    It is the pixel's centre itself if that lies inside (`_is_inside`). `TriangleLines.mixing` is
-    not applied.
+    The nearest point is the pixel's centre itself if this lies inside (`_is_inside`).
+    `TriangleLines.mixing` is not applied.
     """
     # A corner's weight is the point's distance from the opposite edge, divided by the corner's.
     opposite = (1, 2, 0)
@@ -152,7 +153,7 @@ def _weights(near: NearestPoint, lines: TriangleLines) -> tuple[Array, Array, Ar
 
 
 def _is_inside(near: NearestPoint, lines: TriangleLines) -> Array:
-    """Whether a pixel's centre lies inside the triangle, so that it is the nearest point itself.
+    """Whether a pixel's centre lies inside the triangle, and so is itself the nearest point.
 
     The result is false everywhere for a triangle with `TriangleLines.thickness` below 1, across
     which positions are lost in rounding errors.
@@ -176,7 +177,8 @@ def _case(
 ) -> Float[Array, "slots pixels"]:
     """Find the case of every pixel, as a float.
 
-    It is `_INSIDE` in the triangle, `_AROUND_CORNER` if the nearest point is a corner, and else the
+    The case says where the point of the triangle nearest to the pixel's centre lies: `_INSIDE` if
+    the centre is in the triangle, `_AROUND_CORNER` if the nearest point is a corner, and else the
     index 0..2 of the edge on which the nearest point lies.
     """
     lines, _, x, y = spread(lines, parameter, tile_side)
@@ -189,9 +191,9 @@ def _case(
 def _unmix_cotangent(
     lines: TriangleLines, cotangent: Float[Array, "2 slots pixels"]
 ) -> list[Float[Array, "slots pixels"]]:
-    """Compute the cotangents of the unmixed weights of corners 1 and 2, from those of the mixed.
+    """Compute the cotangents of the weights of corners 1 and 2 before mixing, from those after it.
 
-    This is the transpose of the mixing in `NearestWeights.value`.
+    This is the transpose of the mixing by `TriangleLines.mixing` in `NearestWeights.value`.
     """
     rows = [[entry[:, None] for entry in row] for row in lines.mixing]
     second, third = cotangent

@@ -73,9 +73,10 @@ def gather_words(
     pair: Int[Array, "*entries"],
     is_valid: Bool[Array, "*entries"],
 ) -> UInt32[Array, "*entries rows"]:
-    """Gather the coverage words of the pairs with the indices `pair`.
+    """Gather the coverage words of the pairs, of a triangle and a tile, with the indices `pair`.
 
-    The words of an entry are 0 where `is_valid` is false.
+    A coverage word has one bit for each sample of a row (`row_order`). The words of an entry are 0
+    where `is_valid` is false.
     """
     return jnp.where(is_valid[..., None], words.at[pair].get(mode="clip"), jnp.uint32(0))
 
@@ -176,9 +177,12 @@ def remove_hidden(
 ) -> tuple[UInt32[Array, "chunks slots rows"], UInt32[Array, "chunks rows"]]:
     """Remove from the coverage words of each slot the samples that nearer slots of its tile cover.
 
+    A coverage word has one bit for each sample of a row (`row_order`). A slot is nearer if it is
+    earlier in the same chunk, or in an earlier chunk of the same tile (`Chunks`). `max_chunks` is
+    an upper bound on the number of chunks of a tile.
+
     Returns the words of the visible samples of each slot, and for each chunk the union of the
-    coverage words of all its slots and of all earlier chunks of its tile. `max_chunks` is an upper
-    bound on the number of chunks of a tile.
+    coverage words of all its slots and of all earlier chunks of its tile.
     """
     covered = _or_earlier(_union(words), chunks.index, max_chunks=max_chunks)
     return _visible(words, covered, chunks.index), covered
@@ -186,7 +190,7 @@ def remove_hidden(
 
 @materialized
 def _union(words: UInt32[Array, "chunks slots rows"]) -> UInt32[Array, "chunks rows"]:
-    """Join the coverage words of the slots of each chunk by OR."""
+    """Join the coverage words of all slots of each chunk by OR."""
     total = words[:, 0]
     for k in range(1, words.shape[1]):
         total = total | words[:, k]
@@ -197,7 +201,7 @@ def _union(words: UInt32[Array, "chunks slots rows"]) -> UInt32[Array, "chunks r
 def _or_earlier(
     covered: UInt32[Array, "chunks rows"], index: Int[Array, " chunks"], max_chunks: int
 ) -> UInt32[Array, "chunks rows"]:
-    """Join the words of each chunk by OR with those of all earlier chunks of the same tile.
+    """Join the coverage words of each chunk by OR with those of earlier chunks of the same tile.
 
     - `index`: the number of the chunk within its tile, from 0. The chunks of a tile follow one
       another.

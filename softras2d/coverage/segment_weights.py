@@ -62,6 +62,9 @@ def replace_if_thin(
 ) -> tuple[Array, Array, Array]:
     """Blend the weights at the centroid with the weights of the segment where triangles are thin.
 
+    The weights of the segment are the limit of the weights at the centroid as the triangle
+    collapses to its longest edge.
+
     - `weights`: weights of corners 0, 1 and 2 at the centroid of the covered area of each pixel.
     - `outline`, `lines`: the edges of each slot's triangle, clipped to the tile's rows, and their
       lines.

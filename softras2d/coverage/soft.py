@@ -214,7 +214,8 @@ def boundary_weights(near: NearestPoint) -> tuple[Array, Array, Array]:
 def is_around_corner(near: NearestPoint) -> Array:
     """Whether a point lies outside the triangle, and the triangle's nearest point is a corner.
 
-    It must lie more than `ROUNDING` pixels beyond the end of its nearest edge.
+    The result is true only if the point lies more than `ROUNDING` pixels beyond an end of its
+    nearest edge.
     """
     return ~near.is_inside & (jnp.abs(near.excess) > ROUNDING)
 
@@ -280,10 +281,10 @@ def _at_nearest_edge(near: NearestPoint, entries: list[Array]) -> Array:
 def _nearest_feature(
     lines: TriangleLines, width: Parameter, tile_side: int
 ) -> Float[Array, "slots pixels"]:
-    """Find the case of every pixel, 0..5, as a float.
+    """Find the case of every pixel, 0..5, as a float: the edge or corner that is nearest to it.
 
-    It is the index 0..2 of the edge on which the nearest point of the boundary lies, or 3 plus the
-    index of the corner if the nearest point is a corner and the pixel's centre is outside.
+    The case is the index 0..2 of the edge on which the nearest point of the boundary lies, or 3
+    plus the index of the corner if the nearest point is a corner and the pixel's centre is outside.
     """
     lines, _, x, y = spread(lines, width, tile_side)
     near = nearest_point(lines, x, y)

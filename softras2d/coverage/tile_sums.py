@@ -218,6 +218,8 @@ def sum_moments(
 ) -> Float[Array, "slots entries 3"]:
     """Sum weights times 1, times x and times y over the pixels of a tile that belong to one case.
 
+    Cases are disjoint sets of pixels, such as those whose nearest edge is edge 0.
+
     - `case`: number of the case of every pixel.
     - `weighted_cases`: for each entry of the result, the number of a case and the weights
       `[slots, pixels]` to sum over the pixels of this case.
