@@ -94,8 +94,8 @@ class Headroom(NamedTuple):
     - `small_slots`: up to this number of slots, the capacities of strips, pairs and runs are
       in proportion to the slots.
     - `list_all_slots`: if one slot for every triangle in every tile makes no more slots than this,
-      with the number of triangles rounded up to a power of two, every tile lists every triangle.
-      That costs less than making lists of as many slots.
+      with the number of triangles rounded up by `size_classes.listed_triangle_class`, every tile
+      lists every triangle. That costs less than making lists of as many slots.
     """
 
     merge_cost: int
@@ -161,10 +161,10 @@ def choose_capacity(
 ) -> Capacity:
     """Choose capacities that are enough for each of several scenes, with headroom.
 
-    The greatest length that any of the scenes needs is increased by the headroom, and rounded up to
-    a size class, for each list by itself or in proportion to the slots (`Headroom.small_slots`).
-    Only two capacities may be 0: `fragments` if no scene needs any, and `runs` if `Counts.runs` is
-    None for all scenes.
+    For each list, the greatest length that any of the scenes needs is increased by the headroom and
+    rounded up to a size class. In small plans, some capacities are in proportion to the number of
+    slots instead (`Headroom.small_slots`). `Capacity` defines slots and chunks. Only two capacities
+    may be 0: `fragments` if no scene needs any, and `runs` if `Counts.runs` is None for all scenes.
 
     - `counts`: the list lengths that each scene needs.
     - `in_order`: whether lists are visited in order, for translucency or for the depth test. If
@@ -210,10 +210,10 @@ def choose_capacity(
 def choose_slots_per_chunk(counts: Sequence[Counts], headroom: Headroom) -> int:
     """Choose the number of slots of a chunk, from `CHUNK_SIZES`, at which the lists cost least.
 
-    A chunk costs its number of slots, used or not, plus `Headroom.merge_cost`. The cost is summed
-    over all scenes, of which `counts` has the list lengths. If with the smallest number no scene
-    needs more than `Headroom.least_slots` slots, headroom included, the smallest number is chosen.
-    Of numbers with equal cost it is the smallest too.
+    `Capacity` defines slots and chunks. A chunk costs its number of slots, used or not, plus
+    `Headroom.merge_cost`. The cost is summed over all scenes, of which `counts` has the list
+    lengths. Of numbers with equal cost the least is chosen. The smallest of `CHUNK_SIZES` is chosen
+    in any case if no scene then needs more than `Headroom.least_slots` slots, headroom included.
     """
     chunks = {
         size: [int(_chunks_of_tiles(scene, size).sum()) for scene in counts] for size in CHUNK_SIZES
@@ -252,9 +252,9 @@ def _in_proportion(
 
 
 def _slot_class(need: int, headroom: Headroom) -> int:
-    """Number of slots of all chunks of a plan together, for scenes that need `need` slots.
+    """Choose the number of slots of all chunks of a plan, for scenes that need `need` slots.
 
-    It is the needed number with its headroom, rounded up to a size class, and at least
+    The result is `need` with its headroom, rounded up to a size class, and at least
     `headroom.least_slots`. `Headroom` says which numbers are size classes.
     """
     wanted = _with_headroom(need, headroom)

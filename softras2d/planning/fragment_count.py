@@ -77,9 +77,9 @@ class _TileLists(NamedTuple):
 WordsOfPairs = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """A function from indices of pairs to two arrays of coverage words `[pairs, rows]`.
 
-The first array has the samples at which the triangle of a pair shows unless a nearer triangle of
-the list hides it. The second has the samples at which this triangle surely hides all triangles
-behind it.
+A pair is a triangle and a tile. The first array has the samples at which the triangle of a pair
+shows unless a nearer triangle of the tile's list hides it. The second has the samples at which this
+triangle surely hides all triangles behind it.
 """
 
 

@@ -41,7 +41,8 @@ class Counts(NamedTuple):
       triangle and a tile, including hidden pairs.
     - `list_lengths`: number of triangles listed for each tile, without hidden pairs. The lengths
       are sorted, longest first, so that their order says nothing about the tiles.
-    - `fragments`: number of fragments; 0 if no render of the scene uses a list of fragments.
+    - `fragments`: number of pairs of a triangle and a pixel that shows it; 0 if no render of the
+      scene uses a list of these fragments.
     - `runs`: number of runs of crossings (`gradients.runs`); None if no render of the
       scene uses a list of them.
     """

@@ -35,12 +35,12 @@ class Plan(eqx.Module):
     - `lists_all`: whether every tile lists every triangle, so that no list can be too short,
       whatever the number of triangles. `capacity` is then for the scenes planned for, and
       `capacity_of` computes it for other numbers of triangles.
-    - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need; in the worst
-      case under `Hard`, always the guard band.
-    - `on_overflow`: what a compiled program does for a scene that outgrows the plan, because it
-      needs longer lists or, under `Hard`, reaches past the guard band, a wide margin around the
-      canvas, although the plan does not cut there: `"raise"` raises an error, `"nan"` only returns
-      NaN.
+    - `effects`: names of the effects (rows of `effects.EFFECTS`) that the scenes need. In a
+      plan made with `capacity="worst_case"` under `Hard`, the guard band is always among them.
+    - `on_overflow`: what a compiled program does for a scene that outgrows the plan. `"raise"`
+      raises an error; `"nan"` only makes the results NaN. A scene outgrows the plan if it needs
+      longer lists. Under `Hard` it also does so if it reaches past the guard band, a wide margin
+      around the canvas (`Grid.margin`), and the plan does not cut triangles there.
     - `grid_bits`: under `Hard`, vertices are snapped to multiples of 2^-grid_bits pixel; None
       stands for the finest grid that fits the canvas.
     """
@@ -78,7 +78,7 @@ class Plan(eqx.Module):
         """Whether no scene can outgrow the plan, wherever its triangles are.
 
         This is so if every tile lists every triangle and, under `Hard`, triangles past the guard
-        band are cut.
+        band (`Grid.margin`) are cut.
         """
         return self.lists_all and (self.side > 0 or self.cuts_far_triangles)
 
@@ -108,10 +108,10 @@ class Plan(eqx.Module):
     def holds(self, other: "Plan") -> bool:
         """Whether this plan is large enough for the scenes for which the plan `other` was made.
 
-        The two plans must be of the same canvas and options: this is not checked. A plan that cuts
-        at the guard band fits only in one that cuts too. Apart from that, a plan of which every
-        tile lists every triangle holds all others. Else the capacities decide, and the answer is
-        false if they cannot be compared, because tiles or chunks differ in size.
+        The two plans must be of the same canvas and options: this is not checked. If `other` cuts
+        triangles at the guard band (`cuts_far_triangles`) and this plan does not, the result is
+        false. Otherwise it is true if `lists_all` is true for this plan. In all other cases the
+        capacities are compared, and the result is false if tiles or chunks differ in size.
         """
         if other.cuts_far_triangles and not self.cuts_far_triangles:
             return False

@@ -102,8 +102,9 @@ def pad_concrete(scene: Scene, plan: Plan) -> Scene:
 def unknowns_class(count: int) -> int:
     """Round a number of triangles up to one of eight sizes between a power of two and the next.
 
-    Sizes are multiples of 4; up to 64 every multiple of 4 is one. They are closer together than
-    those of `triangle_class`, for arrays whose padding costs much: the unknowns of a fit.
+    All sizes are multiples of 4, and up to 64 every multiple of 4 is a size. The sizes are closer
+    together than those of `triangle_class`. They are for arrays whose padding costs much: the
+    unknowns of a fit.
     """
     step = max((1 << (count - 1).bit_length()) // 16, 4)
     return -(-count // step) * step

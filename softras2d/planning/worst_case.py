@@ -15,9 +15,10 @@ from .capacities import CHUNK_SIZES, Capacity
 def worst_case(triangles: int, tiling: Tiling, *, slots_per_chunk: int | None = None) -> Capacity:
     """Capacities for scenes of this many triangles, wherever the triangles are.
 
-    Every list is at least as long as it can become. A slot holds one triangle in the list of one
-    tile, and `slots_per_chunk` is the number of slots of a chunk. By default it is the smallest of
-    `CHUNK_SIZES` with which one chunk holds all triangles, or the largest if there is none.
+    No list of such a scene can be longer than its capacity. Tile lists are cut into chunks of
+    `slots_per_chunk` slots, each of which holds one triangle of one tile. By default
+    `slots_per_chunk` is the smallest of `CHUNK_SIZES` with which one chunk holds all triangles, or
+    the largest of them if there is none.
     """
     grid = tiling.grid
     if slots_per_chunk is None:
