@@ -60,7 +60,7 @@ def on_one_core(
 def _write_slot(
     compute: Callable[..., Shaped[Array, "..."]], slot: Int[Array, ""], *args: Any
 ) -> Shaped[Array, "2 ..."]:
-    """Make an array of two entries: `compute(*args)` at index `slot`, 0 or 1, and else 0."""
+    """Make an array of two entries: `compute(*args)` at index `slot` (0 or 1), and another of 0."""
     value = compute(*args)
     slots = jnp.zeros((2, *value.shape), value.dtype)
     return jax.lax.dynamic_update_index_in_dim(slots, value, slot, 0)
