@@ -44,13 +44,14 @@ def write_animation(
       frame is shown for 655.35 s at most.
 
     Of each frame, only the smallest rectangle around all pixels that differ from the frame before
-    is stored. It has a palette of 256 colours, which is exact if the rectangle has no more;
-    otherwise colours are reduced without dithering, so that wide smooth gradients show bands.
+    is stored. A rectangle has a palette of 256 colours. If the rectangle has at most 256 colours,
+    they are exact; otherwise they are reduced without dithering, so that wide smooth gradients show
+    bands.
 
-    The file is written completely or not at all. Raises `ValueError`, one line, for another suffix
-    than `.gif`, a folder that does not exist, times that GIF cannot store, no frames, frames of
-    another or an unequal shape, frames that are not finite floats, and a file that cannot be
-    written.
+    The file is written completely or not at all. Raises `ValueError`, one line, for a suffix other
+    than `.gif`, a folder that does not exist, times out of range, no frames, frames that are not
+    `[height, width, 3]`, are empty, differ in shape or have a side of more than 65535 pixels,
+    values that are not finite floats, and a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in ANIMATED:
@@ -92,7 +93,8 @@ def _checked_bytes(path: Path, frames: Iterable[Any]) -> Iterator[np.ndarray]:
 
     Values are clipped to 0..1 and rounded to k/255. Raises `ValueError`, which names `path` and the
     index of the frame, for a frame that is not `[height, width, 3]` of finite floats, is empty, is
-    too large for a GIF, or differs in shape from the first frame. Without frames, it names `path`.
+    too large for a GIF, or differs in shape from the first frame. If there are no frames, raises
+    `ValueError` that names `path`.
     """
     shape = None
     for number, frame in enumerate(frames):

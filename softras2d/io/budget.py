@@ -15,77 +15,90 @@ import numpy as np
 from jaxtyping import Int
 
 MAX_ATTRIBUTES = 2**24
-"""Attributes of all elements together, including defaults that a DTD adds.
+"""Maximum number of attributes of all elements together, with the defaults that a DTD adds.
 
 Without such defaults, a document of 64 MB, the largest that is read, cannot contain as many.
 """
 
 MAX_ELEMENTS = 2**21
-"""Elements of a document in dialect `svg`.
+"""Maximum number of elements of a document that `read_svg` reads in dialect `"svg"`.
 
-Each is charged twice, when it is parsed and when it is drawn, so twice as many charges are allowed.
+Each element is charged twice, when it is parsed and when it is drawn, so that twice as many charges
+are allowed.
 """
 
 MAX_COPIES = 2**17
-"""Repeated visits to elements: by `use`, by clip paths, and for bounding boxes of groups.
+"""Maximum number of repeated visits to elements: by `use`, by clip paths, for bounding boxes.
 
 A few lines can ask for any number of copies.
 """
 
 MAX_DEFAULTS = 256
-"""Attribute defaults that a DTD may declare. A default is added to every element of one name."""
+"""Maximum number of attribute defaults that a DTD may declare.
+
+A default is added to every element of one name.
+"""
 
 MAX_POINTS = 2**22
-"""Points of all polygons, polylines, lines and outlines of strokes together.
+"""Maximum number of points of all polygons, polylines, lines and outlines of strokes together.
 
 The points of a path count when it is flattened, and again when it is filled or stroked.
 """
 
 MAX_TRIANGLES = 2**21
-"""Triangles of the scene, and faces into which contours divide polygons.
+"""Maximum number of triangles of the scene, and of faces into which contours divide polygons.
 
-For a translucent stroke, the triangles before `union` are counted.
+For a translucent stroke, its triangles are counted before `strokes.union` unites them.
 """
 
 MAX_PAIRS = 2**24
-"""Pairs of edges with overlapping bounding boxes, in all polygons of more than 64 edges together.
+"""Maximum number of pairs of edges of one polygon whose bounding boxes overlap.
 
-Each pair must be examined to detect crossings. Pairs of a face and an edge that is examined for its
-winding number count too. A pair of triangles of a translucent stroke takes longer and counts twice.
+The pairs of all polygons of more than 64 edges are added up. Each pair must be examined to detect
+crossings. Pairs of a face and an edge that is examined for the winding number of the face count
+too. A pair of triangles of a translucent stroke takes longer and counts twice.
 """
 
 MAX_CROSSINGS = 100_000
-"""Pairs of edges of one polygon that cross or touch, apart from common ends.
+"""Maximum number of pairs of edges of one polygon that cross or touch, without a common end.
 
-The number of faces into which GEOS divides the polygons grows in proportion to it. For polygons of
-at most 64 edges, the faces beyond their number of edges are counted instead.
+The pairs of all polygons are added up. The number of faces into which GEOS divides the polygons
+grows in proportion to this sum. For polygons of at most 64 edges, the faces beyond their number of
+edges are counted instead.
 """
 
 MAX_EAR_TESTS = 2**27
-"""Tests in ear clipping, each of which asks whether a vertex lies in the triangle of a corner."""
+"""Maximum number of tests in ear clipping.
+
+A test asks whether a vertex lies in the triangle of a corner and its two neighbours.
+"""
 
 MAX_SELECTOR_TESTS = 2**25
-"""Tests of style sheets, each of which asks whether a selector matches an element.
+"""Maximum number of tests of style sheets, each of which asks if a selector matches an element.
 
-A selector with descendant combinators counts once for each choice of ancestors that it may have to
-try.
+A selector with descendant combinators counts once for each choice of ancestors that may have to be
+tried.
 """
 
 MAX_OVERLAYS = 2**24
-"""Work on regions that are intersected, united or subtracted, in vertices of an intersection.
+"""Maximum work of intersecting, uniting and subtracting regions.
 
-Clip paths, gradients, and shapes that overlap in translucent groups need such operations. Each
-operation counts the vertices that it reads, several times if it is costly, and a constant.
+The unit is the work per vertex of an intersection. Clip paths, gradients, and shapes that overlap
+in translucent groups need such operations. Each operation counts the vertices that it reads,
+several times if it is costly, and a constant.
 """
 
 MAX_STEPS = 2**26
-"""Pixels of the lines and images of dialect `course`.
+"""Maximum number of pixels of all lines and images, which `read_svg` counts in dialect `"course"`.
 
 Of a long line, only the steps near the canvas count; of an image, only the pixels on the canvas.
 """
 
 MAX_TEXELS = 2**26
-"""Pixels of all image files of a document together; as RGBA in float32 they take 1 GiB."""
+"""Maximum number of pixels of all image files of a document together.
+
+As RGBA in float32, so many pixels take 1 GiB.
+"""
 
 
 class _Limit(NamedTuple):

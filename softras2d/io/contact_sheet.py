@@ -93,7 +93,10 @@ def contact_sheet(
 def _draw_labels(
     sheet: Float32[np.ndarray, "height width 3"], labels: list[_Label]
 ) -> Float32[np.ndarray, "height width 3"]:
-    """Return a copy of the sheet, with labels drawn on it unless there is no FreeType."""
+    """Return a copy of the sheet with `labels` drawn on it.
+
+    A build of OpenImageIO without FreeType cannot draw text; the copy then has no labels.
+    """
     height, width, channels = sheet.shape
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
     buffer.set_pixels(oiio.ROI(0, width, 0, height), sheet)

@@ -22,8 +22,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     The block must create the draft, whose name has the suffix of `path`. If the block raises, the
     draft is removed and an old file at `path` stays as it was. `OSError` becomes a `ValueError` of
-    one line that names `path`; no `ValueError` names the draft. On POSIX, drafts of `path` left
-    by processes of this machine that were killed are removed.
+    one line that names `path`; no `ValueError` names the draft. On POSIX, old drafts of `path` are
+    first removed if they were left behind by processes of this machine that no longer run.
     """
     _remove_abandoned(path)
     draft = path.with_name(f"{_prefix(path)}{os.getpid()}-{secrets.token_hex(4)}{path.suffix}")
@@ -86,6 +86,6 @@ def _is_running(process: int) -> bool:
 
 
 def _without_draft(message: str, draft: Path, path: Path) -> str:
-    """The message on one line, with `path` in place of `draft`."""
+    """An error message on one line, in which `path` replaces `draft`, both as path and as name."""
     message = message.replace(str(draft), str(path)).replace(draft.name, path.name)
     return " ".join(message.split())

@@ -37,8 +37,8 @@ def unreadable_message(name: str, path: Path) -> str:
 def reason_text(message: str, path: Path) -> str:
     """The first line of a message of OpenImageIO, as ` (...)` to be appended to another message.
 
-    The path of the file is removed or replaced by "it", and characters that cannot be printed by
-    "?". Returns an empty string for an empty message.
+    In this line, `path` is removed where it stands in brackets, and replaced by "it" elsewhere.
+    Characters that cannot be printed become "?". Returns an empty string for an empty message.
     """
     first = message.strip().splitlines()[0] if message.strip() else ""
     for quoted in (f' ("{path}")', f" ({path})"):

@@ -14,9 +14,9 @@ from .image_errors import reason_text
 
 
 def check_free_space(draft: Path, path: Path, size: int) -> None:
-    """Raise `ValueError`, which names `path`, unless the disk of `draft` has enough space.
+    """Raise `ValueError`, which names `path`, unless the disk of `draft` has enough free space.
 
-    Enough are `size` bytes, and 64 KiB for headers.
+    `size` is the number of bytes to write; 64 KiB more must be free for headers.
     """
     # The JPEG library terminates the process if the disk is full.
     if shutil.disk_usage(draft.parent).free < size + 2**16:

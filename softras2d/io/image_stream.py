@@ -81,11 +81,12 @@ class ImageStream:
         return self
 
     def write(self, x: int, y: int, image: np.ndarray) -> None:
-        """Write a window of floats `[height, width, channels]`, whose top left pixel is (x, y).
+        """Write the window whose top left pixel is in column `x` and row `y` of the complete image.
 
-        x is its column and y its row in the image. The values are as for `write_image`. Raises
-        `ValueError` for an image of another shape or dtype, for values that are not finite in the
-        file, and if the window cannot be written, for example because the disk is full.
+        `image` has the pixels of the window: floats `[height, width, channels]` with values as for
+        `write_image`. Raises `ValueError` for an array of another shape or dtype, for values that
+        are not finite in the file, and if the window cannot be written, for example because the
+        disk is full.
         """
         pixels = as_pixels(str(self._path), image)
         pixels = stored_pixels(self._path, pixels, linear=self._linear, truncate=self._truncate)

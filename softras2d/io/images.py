@@ -43,8 +43,9 @@ larger images are refused before they are decoded.
 """
 
 _INTEGERS = {"uint8": (oiio.UINT8, 255), "uint16": (oiio.UINT16, 65535)}
-"""For integers of 8 and 16 bits, the type in which OpenImageIO reads them, and the level of 1.0.
+"""How pixels of 8- and 16-bit integers are read, by the name of their format in OpenImageIO.
 
+Each entry has the type in which OpenImageIO is to read the pixels, and the integer that means 1.0.
 Pixels of other formats are read as floats.
 """
 
@@ -125,12 +126,12 @@ def write_image(
 
     The suffix of `path` chooses the format. Alpha, the fourth channel, is straight. In 8-bit files,
     values are clipped to 0..1 and rounded to the nearest k/255. `truncate=True` takes floor(255 x)
-    in float32 instead, as the rasterizer course does, which also preserves every k/255.
-    `linear=True` means that the values are linear light instead of sRGB. An EXR stores linear
-    light, premultiplied and not clipped; the other formats store sRGB. The file is written
-    completely or not at all. Raises `ValueError`, one line, for NaN, infinity and values that
-    become infinite in an EXR, another shape or dtype, alpha in a JPEG, an unknown suffix, or a file
-    that cannot be written, such as one in a folder that does not exist.
+    in float32 instead, as the rasterizer course of dialect `"course"` (`read_svg`) does. This
+    preserves every k/255 too. `linear=True` means that the values are linear light instead of sRGB.
+    An EXR stores linear light, premultiplied and not clipped; the other formats store sRGB. The
+    file is written completely or not at all. Raises `ValueError`, one line, for NaN, infinity and
+    values that become infinite in an EXR, another shape or dtype, alpha in a JPEG, an unknown
+    suffix, or a file that cannot be written, such as one in a folder that does not exist.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -292,8 +293,9 @@ def _select_rgba(pixels: np.ndarray, names: list[str]) -> np.ndarray:
 def _is_premultiplied(path: Path, spec: Any) -> bool:
     """Whether a file's colours are premultiplied by alpha.
 
-    They are in every EXR, and in a TIFF unless it declares straight alpha, and in no other format.
-    The format is read from the first bytes of the file. `spec` is its `ImageSpec`.
+    Colours are premultiplied in every EXR, in a TIFF unless it declares straight alpha, and in no
+    other format. The format is recognised by the first bytes of the file. `spec` is the header of
+    the file, OpenImageIO's `ImageSpec`.
     """
     with path.open("rb") as file:
         magic = file.read(4)

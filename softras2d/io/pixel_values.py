@@ -50,7 +50,8 @@ def to_bytes(
 ) -> UInt8[np.ndarray, "*shape"]:
     """Convert floats to bytes: clip x to 0..1, and round 255 x to the nearest integer, 0.5 up.
 
-    `truncate` rounds down instead. Both compute in float32. Values must be finite.
+    With `truncate`, 255 x is rounded down instead. 255 x is computed in float32. Values must be
+    finite.
     """
     scaled = np.clip(pixels, 0.0, 1.0) * np.float32(255.0)
     return np.floor(scaled if truncate else scaled + np.float32(0.5)).astype(np.uint8)

@@ -55,8 +55,8 @@ def _extrema_of_curves(control: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray,
     """
     p0, p1, p2, p3 = np.moveaxis(control, 1, 0)
     differences = np.stack([p1 - p0, p2 - p1, p3 - p2])
-    # Their size does not change the zeros. Without it, squares of very small or large ones would
-    # underflow or overflow.
+    # The zeros do not depend on the size of the differences. Without scaling, squares of very small
+    # or large differences would underflow or overflow.
     d0, d1, d2 = differences / np.abs(differences).max(axis=0)
     # The derivative is proportional to a t^2 + 2 b t + d0. This form of its zeros has no
     # cancellation, and the second one is right even where a is 0, up to roundings.
@@ -71,8 +71,8 @@ def _extrema_of_curves(control: Float[np.ndarray, "n 4 2"]) -> Float[np.ndarray,
 def _extrema_of_arc(arc: Arc, map3: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "extrema 2"]:
     """The points between the ends of an arc at which a coordinate is extreme, under an affine map.
 
-    They are those of the leftmost, rightmost, lowest and highest point of the ellipse that lie on
-    the arc.
+    The complete ellipse has four such points: the leftmost, rightmost, lowest and highest. Those of
+    them that lie on the arc are returned.
     """
     center = affine_maps.apply(map3, arc.center)
     axes = np.array([arc.major, arc.minor]) @ map3[:2, :2].T

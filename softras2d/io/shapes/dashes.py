@@ -37,8 +37,8 @@ def dashes(
 
     If a closed chain begins and ends within a dash, the two pieces are joined to one dash, which
     comes first. A chain of length zero is returned uncut, and so is one whose number of periods is
-    not finite; if it is closed, its first point is repeated at its end. Raises `BudgetError` if the
-    dashes need more points than `budget` allows.
+    not finite. If an uncut chain is closed, its first point is repeated at its end. Raises
+    `BudgetError` if the dashes need more points than `budget` allows.
 
     **Source:** SVG 2, section 13.5.6.
     """

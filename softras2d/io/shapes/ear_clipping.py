@@ -1,5 +1,7 @@
 """Triangulates polygons as the course does: by ear clipping in float32, with its defects.
 
+The *course* is a rasterizer course whose subset of SVG `read_svg` reads as dialect `"course"`.
+
 If a polygon crosses itself or is degenerate, its triangles do not fill the region that a fill rule
 would fill. The image then depends on which ears are clipped, and in which order. Polygons with
 equal numbers of vertices are clipped together.
@@ -18,7 +20,7 @@ from .overlaps import MAX_UNCOUNTED_EDGES, charge_crossings
 from .polygons import triangulate
 
 _MIN_CROSS = np.float32(1e-10)
-"""Smallest cross product of the two edges at an ear, in square user units, as in the course.
+"""Smallest cross product of the two edges at an ear, in square user units, as the course has it.
 
 A corner with a smaller cross product is not an ear.
 """
@@ -38,13 +40,13 @@ def clip_ears(
     contours: Sequence[np.ndarray],
     budget: Budget | None = None,
 ) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"], list[int]]:
-    """Triangulate contours `[n, 2]`, float32, by clipping ears.
+    """Triangulate contours `[n, 2]`, float32, by clipping ears as the rasterizer course does.
 
     Contours are closed, in either orientation, and in user units, as in the course. Returns three
     things: for each triangle, the index of its contour; for each triangle, the indices of its three
     vertices in that contour; and the indices of the contours that are skipped, which means that
-    they are not triangulated. Skipped contours are simple ones, which do not cross or touch
-    themselves, of more than `MAX_CLIPPED` vertices, and all of more than `MAX_CLIPPED_IF_CROSSING`.
+    they are not triangulated. A contour of more than `MAX_CLIPPED` vertices is skipped if it does
+    not cross or touch itself, and one of more than `MAX_CLIPPED_IF_CROSSING` in any case.
 
     Triangles of one contour are consecutive, in the order in which they are clipped; contours come
     in any order. The vertices of a triangle turn from the x axis towards the y axis, whatever the
@@ -89,9 +91,9 @@ def is_simple(contour: Float32[np.ndarray, "n 2"]) -> bool:
 def crosses_itself(contour: Float32[np.ndarray, "n 2"], budget: Budget, index: int) -> bool:
     """Whether a contour of any size crosses or touches itself.
 
-    Also true for a contour of fewer than three points. A point that repeats the one before it is
-    not counted. The work for a contour of more than 64 edges is charged to `budget`, whose
-    `BudgetError` has `index` as the index of the contour.
+    Points that repeat the one before are left out first. The result is also True for a contour of
+    fewer than three points. The work for a contour of more than 64 edges is charged to `budget`,
+    whose `BudgetError` has `index` as the index of the contour.
     """
     points = contour.astype(np.float64)
     points = points[(points != np.roll(points, 1, axis=0)).any(axis=1)]

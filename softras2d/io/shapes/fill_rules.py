@@ -28,16 +28,16 @@ def fill_rule_regions(
     error_indices: Sequence[int],
     budget: Budget,
 ) -> tuple[np.ndarray, Int[np.ndarray, " regions"]]:
-    """Make the shapely polygons that fill shapes; returns them, and the index of the shape of each.
+    """Make the polygons that fill shapes; returns them, and for each the index of its shape.
 
     - `shapes`: the closed contours `[n, 2]` of each shape.
     - `evenodd`: whether each shape is filled by the even-odd rule instead of the nonzero rule.
     - `error_indices`: for each shape, the index that a `BudgetError` about it has.
 
-    The polygons are in the order of the shapes. A shape may have several polygons, which may share
-    edges but do not overlap. It may have none, as when no contour has three points or more; points
-    that repeat the one before are not counted in contours of more than three. Raises `BudgetError`
-    if the work exceeds `budget`.
+    The polygons are objects of shapely, in the order of the shapes. A shape may have several
+    polygons, which may share edges but do not overlap, or none. A contour of fewer than three
+    points fills nothing; from one of more than three, points that repeat the one before are first
+    left out. Raises `BudgetError` if the work exceeds `budget`.
     """
     shapes = [_with_area(contours) for contours in shapes]
     with_area = np.flatnonzero([len(contours) > 0 for contours in shapes])

@@ -48,8 +48,8 @@ class Outline(NamedTuple):
     def reach(self) -> float:
         """Upper bound on the distance, in pixels, from the chain to the border of its stroke.
 
-        A miter that is cut off has its corners farther out than its middle. This bound is also that
-        of square caps, since `miterlimit` is at least 1.
+        A miter that is cut off reaches farther at its corners than at its middle, and the bound
+        includes these corners. It holds for square caps too, since `miterlimit` is at least 1.
         """
         return self.width / 2 * self.scale * math.hypot(self.miterlimit, 1.0)
 
@@ -89,7 +89,7 @@ class Joins(NamedTuple):
     smooth: Bool[np.ndarray, " joins"]
 
     def take(self, chosen: np.ndarray) -> "Joins":
-        """The joins for which `chosen` is true, or whose indices it has."""
+        """The joins that `chosen`, a boolean mask or an array of indices, selects."""
         return Joins(*(field[chosen] for field in self))
 
 
@@ -106,7 +106,7 @@ class Caps(NamedTuple):
     outward: Float[np.ndarray, "caps 2"]
 
     def take(self, chosen: np.ndarray) -> "Caps":
-        """The ends for which `chosen` is true, or whose indices it has."""
+        """The ends that `chosen`, a boolean mask or an array of indices, selects."""
         return Caps(*(field[chosen] for field in self))
 
 
@@ -137,7 +137,7 @@ def segments_of(outlines: Sequence[Outline]) -> Segments:
 def _smooth(line: Outline) -> Bool[np.ndarray, " points"]:
     """Whether each point of an outline lies inside a curve.
 
-    For a closed outline, the first point is repeated at the end.
+    The result of a closed outline ends with a second entry for its first point.
     """
     smooth = np.zeros(len(line.points), bool) if line.smooth is None else line.smooth
     return np.append(smooth, smooth[:1]) if line.closed else smooth

@@ -15,7 +15,7 @@ _PAIRS_AT_ONCE = 2**20
 MAX_UNCOUNTED_EDGES = 64
 """Maximum number of edges of a polygon whose pairs of edges are not counted.
 
-They are few enough to need no limit.
+So few pairs need no limit.
 """
 
 
@@ -23,7 +23,7 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
     """Yield the pairs of overlapping boxes (x0, y0, x1, y1) in blocks, as two arrays of indices.
 
     In each pair, the index in the first array is smaller than the index in the second. Boxes that
-    only touch overlap. A caller that counts pairs can stop after any block.
+    only touch count as overlapping. A caller that counts pairs can stop after any block.
 
     A block has the pairs of several consecutive boxes. Along each axis, two sorted lists give the
     number of intervals that overlap the interval of a box. The smaller of the two numbers bounds
@@ -55,8 +55,8 @@ def overlapping_pairs(boxes: Float[np.ndarray, "n 4"]) -> Iterator[tuple[np.ndar
 def charge_overlaps(boxes: Float[np.ndarray, "n 4"], budget: Budget, index: int) -> None:
     """Charge `budget` two units of `pairs` for each pair of overlapping boxes (x0, y0, x1, y1).
 
-    Boxes that only touch overlap. If the pairs exceed the limit, counting stops and `BudgetError`
-    is raised, in which `index` is the index of the shape.
+    Boxes that only touch count as overlapping. If the pairs exceed the limit, counting stops and
+    `BudgetError` is raised, in which `index` is the index of the shape.
     """
     for first, _ in overlapping_pairs(boxes):
         budget.charge("pairs", 2 * len(first), index)

@@ -125,8 +125,8 @@ def arc_between(
 
     Returns the fields of `Arc` after `end`: the center, the vectors of both half axes, the start
     angle and the turn. Radii that are too short to reach both ends are enlarged, in proportion.
-    Returns None if the arc is a straight line, because a radius is zero, is nothing, because its
-    ends are equal, or cannot be computed, because numbers overflow.
+    Returns None in three cases: a radius is zero, so that the arc is a straight line; its ends are
+    equal, so that nothing is drawn; or numbers overflow, so that it cannot be computed.
 
     **Source:** SVG 2, appendix B.2.4 and B.2.5.
     """
@@ -227,10 +227,10 @@ def flatten(
 def _polygons(path: Path, control: np.ndarray, budget: Budget) -> FlatPath:
     """Flatten a path that consists of lines: the ends of its lines are the points of its contours.
 
-    `control` has `path.points` as an array `[points, 2]`. Each point of the result has the weight 1
-    for its own index in `Path.points`, or the indices -1 if it is one of `path.fixed`. If a closed
-    contour ends with the index at which it starts, that point is not repeated. Raises `BudgetError`
-    if the points exceed `budget`.
+    `control` has `path.points` as an array `[points, 2]`. Each point of the result is one of these
+    points: its `controls` (`FlatPath`) begin with the index of the point, which has weight 1. They
+    are -1 if the index is in `path.fixed`. If a closed contour ends with the index at which it
+    starts, that point is not repeated. Raises `BudgetError` if the points exceed `budget`.
     """
     indices: list[int] = []
     starts, closed = [], []
@@ -275,9 +275,9 @@ def _segment_counts(
     linear: np.ndarray,
     tolerance: float,
 ) -> Int[np.ndarray, " segments"]:
-    """Number of chords of each segment that keeps curves within `tolerance` pixels of the chords.
+    """Number of chords of each segment, so that curves are within `tolerance` pixels of the chords.
 
-    It is at least 1 and at most `_MAX_SEGMENTS`, for which curves may be farther.
+    The number is 1 to `_MAX_SEGMENTS`. Curves that would need more chords may be farther.
 
     - `control`: all control points, `[points, 2]`, in user units.
     - `rows`: indices of four control points of each segment.
@@ -306,10 +306,12 @@ def _segment_counts(
 
 
 def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
-    """Number of chords that keeps an arc within `tolerance` pixels, at most `_MAX_SEGMENTS`.
+    """Number of chords, at most `_MAX_SEGMENTS`, that keeps an arc near to its chords.
 
-    `linear` maps vectors in user units to pixels, as `linear @ vector`. The bound is the distance
-    between a chord and a circle whose radius is the longer half axis of the ellipse in pixels.
+    `tolerance` is the largest allowed distance in pixels. `linear` maps vectors in user units to
+    pixels, as `linear @ vector`. The distance is bounded by that between a chord and a circle whose
+    radius is the longer half axis of the ellipse in pixels. If this radius is at most `tolerance`,
+    or is not finite, the result is one chord for each quarter turn, rounded up.
     """
     axes = linear @ np.array([arc.major, arc.minor]).T
     radius = float(np.linalg.norm(axes, 2)) if np.isfinite(axes).all() else 0.0
@@ -322,10 +324,10 @@ def _arc_segments(arc: Arc, linear: np.ndarray, tolerance: float) -> int:
 def _bernstein(
     degree: Int[np.ndarray, " n"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 4"]:
-    """Weights of the control points of Bezier curves at parameters `t`, in 0..1, one per curve.
+    """Weights of the four control points of Bezier curves, each at one parameter in 0..1.
 
-    A curve of degree d uses its first d + 1 control points; the other weights are 0. Degrees below
-    1 count as 1.
+    Curve k has degree `degree[k]`, and its parameter is `t[k]`. A curve of degree d uses its first
+    d + 1 control points; the other weights are 0. Degrees below 1 count as 1.
     """
     s = 1 - t
     weights = np.zeros((len(t), 4))

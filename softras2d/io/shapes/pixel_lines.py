@@ -1,10 +1,11 @@
 """Draws lines one pixel wide, as the course does, as rectangles of whole pixels.
 
-The course draws a line by repeated float32 addition of a step, and colours the whole pixel that
-contains each position. The rounding is visible in the image, so it is reproduced. A run of pixels
-along a row, or along a column for steep lines, becomes one rectangle. The positions of many lines
-are computed together. A long line that starts outside the canvas is advanced to it without
-single steps, with the same float32 result.
+The *course* is a rasterizer course whose subset of SVG `read_svg` reads as dialect `"course"`. It
+draws a line by repeated float32 addition of a step, and colours the whole pixel that contains each
+position. The rounding is visible in the image, so it is reproduced. A run of pixels along a row, or
+along a column for steep lines, becomes one rectangle. The positions of many lines are computed
+together. A long line that starts outside the canvas is advanced to it without single steps, with
+the same float32 result.
 """
 
 import math
@@ -59,7 +60,7 @@ def pixel_lines(
     budget: Budget | None = None,
     triangles_each: Int[np.ndarray, " lines"] | None = None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Cover lines one pixel wide with rectangles of whole pixels, by the course's rule.
+    """Cover lines one pixel wide with rectangles of whole pixels, as the rasterizer course does.
 
     - `segments`: the lines, as (x0, y0, x1, y1) in pixels.
     - `height`, `width`: size of the canvas in pixels. Pixels outside it are left out.
@@ -87,7 +88,10 @@ def _pixel_lines(
     budget: Budget,
     triangles_each: Int[np.ndarray, " lines"] | None,
 ) -> tuple[Int[np.ndarray, "rectangles 4"], Int[np.ndarray, " rectangles"]]:
-    """Do the work of `pixel_lines`, whose arguments and result are the same, in its `errstate`."""
+    """Do the work of `pixel_lines`, which has the same arguments and result.
+
+    The caller switches NumPy's warnings about overflow and invalid values off.
+    """
     walks = _walks(segments)
     # Walk k belongs to line `lines[k]`.
     lines = np.flatnonzero(_may_touch(segments, walks, height, width))

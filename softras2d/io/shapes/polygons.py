@@ -88,8 +88,8 @@ def triangulate(
 def is_convex(points: Float[np.ndarray, "m n 2"]) -> Bool[np.ndarray, " m"]:
     """Whether each of `m` polygons of `n` vertices is convex, with its vertices in either order.
 
-    A convex polygon turns in one direction only, once around, and never turns straight back. One
-    whose vertices repeat may not be recognised.
+    A convex polygon turns in one direction only, once around, and never turns straight back. The
+    result may be False for a convex polygon with repeated vertices.
     """
     edges = np.roll(points, -1, axis=1) - points
     following = np.roll(edges, -1, axis=1)

@@ -54,7 +54,7 @@ def united(regions: Sequence[Any], budget: Budget) -> Any:
 def grown(region: Any, distance: float, budget: Budget) -> Any:
     """A region with its border moved outwards by `distance`, in the units of its coordinates.
 
-    The region must not be empty. Corners are mitred, up to a limit of 2. Polygons that then
+    The region must not be empty. Corners are mitred, up to a mitre limit of 2. Polygons that then
     overlap are united.
     """
     _charge(budget, region, weight=2 * _UNION_COST)

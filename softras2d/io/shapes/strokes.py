@@ -2,8 +2,8 @@
 
 All strokes of a drawing are triangulated together. The triangles of one stroke overlap, so a
 translucent stroke is replaced by their `union`. Points inside a flattened curve have round joins.
-The stroke of the chords then differs from the stroke of the exact curve by no more than the chords
-differ from the curve, and round joins from circles.
+The stroke of the chords then differs from the stroke of the exact curve by no more than two errors
+together: the distance of the chords from the curve, and that of the round joins from circles.
 """
 
 from collections.abc import Sequence
@@ -148,14 +148,21 @@ def _segment_quads(segments: Segments, half_width: np.ndarray) -> _Triangles:
 
 
 def _bevel_triangles(joins: Joins) -> _Triangles:
-    """The triangle that fills each bevelled join, from the corner to the ends of both offsets."""
+    """The triangle that fills each bevelled join.
+
+    It connects the corner of the join with the ends of its `start_offset` and its `end_offset`.
+    """
     corner = joins.position
     bevels = np.stack([corner, corner + joins.start_offset, corner + joins.end_offset], axis=1)
     return joins.outline, bevels
 
 
 def _miter_quads(joins: Joins) -> _Triangles:
-    """The two triangles of each mitred join: corner, tip, and the ends of both offsets."""
+    """The two triangles of the quad that fills each mitred join.
+
+    The quad lies between the corner of the join, the end of `start_offset`, the tip of the miter,
+    and the end of `end_offset`.
+    """
     # The tip lies in the direction of the sum of both offsets. The sum is `width cos(turn / 2)`
     # long, and the tip is `width / (2 cos(turn / 2))` from the corner.
     tip = (joins.start_offset + joins.end_offset) / (2 * np.cos(joins.turn / 2)[:, None] ** 2)
@@ -232,8 +239,8 @@ def _sector_triangles(
     """Number of triangles of each sector whose chords are within `_TOLERANCE` of the circle.
 
     `radius_px` are the radii in pixels, and `turn` the angles of the sectors in radians. A
-    sector has at least one triangle, and no more than one for each pi / 512, rounded up, so the
-    chords of large circles are farther.
+    sector has at least one triangle, and at most one for each pi / 512 of its angle, rounded up.
+    The chords of large circles may therefore be farther than `_TOLERANCE`.
     """
     radius = np.maximum(radius_px, _TOLERANCE)
     max_angle = np.maximum(2 * np.arccos(1.0 - _TOLERANCE / radius), np.pi / 512)

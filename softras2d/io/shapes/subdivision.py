@@ -64,10 +64,11 @@ def _pieces_of(region: Any) -> np.ndarray:
 
 
 def _halves(piece: Any) -> list[Any]:
-    """Cut a polygon near the median x or y of its vertices, where fewer edges are crossed.
+    """Cut a polygon along a vertical or a horizontal line, whichever crosses fewer edges.
 
-    Returns the polygons on both sides of the cut. The list is empty if neither the line near
-    the median x nor the one near the median y passes through the polygon.
+    The lines are near the median x and near the median y of the vertices. Returns the polygons on
+    both sides of the cut. The list is empty if neither line passes through the bounding box of the
+    polygon.
     """
     points = shapely.get_coordinates(piece)
     low, high = points.min(axis=0), points.max(axis=0)
