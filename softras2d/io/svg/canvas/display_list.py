@@ -33,8 +33,8 @@ class DisplayList:
 
     - `name`: name of the document, for errors.
     - `budget`: limits the work; None for a new one.
-    - `line`: line number of the element that is being read, which the dialect sets. It is stored
-      with each shape, so that errors of `finish` can name it.
+    - `line`: line number of the element that is being read, which the reader of the document sets.
+      It is stored with each shape, so that errors of `finish` can name it.
     - `approximated`: number of polygons of `add_ears` that cross or touch themselves, and that
       `finish` filled by the nonzero rule, since they have too many points for ear clipping.
     """

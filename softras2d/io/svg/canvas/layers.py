@@ -44,11 +44,11 @@ def disjoint_cells(items: Sequence[Item], budget: Budget) -> tuple[list[Item], b
     """Divide the items of a group into cells that do not overlap.
 
     `items` are in draw order, back to front, and their regions are not empty. Returns the cells,
-    which are items too and have the colours of the composited group, without the group's opacity,
-    and whether all these colours are exact. Colours may be inexact where a translucent item
-    overlaps another one, if either has a texture or an alpha that varies. A gap of `_GAP` separates
-    a cell from what is left of the items behind it. An item whose bounding box meets no other is
-    returned unchanged. Raises `BudgetError` for work beyond the budget.
+    and whether all their colours are exact. A cell is an item too, and has the colours of the
+    composited group before the group's opacity is applied. Colours may be inexact where a
+    translucent item overlaps another one, if either has a texture or an alpha that varies. A gap of
+    `_GAP` separates a cell from what is left of the items behind it. An item whose bounding box
+    meets no other is returned unchanged. Raises `BudgetError` for work beyond the budget.
     """
     neighbours = _overlapping(items, budget)
     if not any(len(in_front) for in_front in neighbours):

@@ -20,8 +20,8 @@ class Paint(NamedTuple):
     - `uv`: maps `(x, y, 1)` in pixels to texture coordinates (u right, v down, 0..1 across the
       texture); None without a texture.
     - `texture`: index in `Assets.textures`; -1 for none.
-    - `has_alpha`: whether the texture may make the region translucent. It is False without a
-      texture; then only the alpha of `color` can. It may be True for an opaque texture, too.
+    - `has_alpha`: whether the texture may make the region translucent; False without a texture. It
+      may be True for a texture that is opaque. It says nothing about the alpha of `color`.
     """
 
     color: Float[np.ndarray, "4 3"]

@@ -233,8 +233,9 @@ class Cascade:
         - `content`: the tokens in the body of a rule, or the text of an attribute `style`.
         - `attribute`: name that notices give to the block, `"rule"` or `"style"`.
 
-        What is no declaration is noted as a fault of `element`, and left out; so is the whole of a
-        text whose brackets are nested deeper than `_MAX_NESTING`. Values are not judged.
+        What is no declaration is noted as a fault of `element`, and left out. A text whose brackets
+        are nested deeper than `_MAX_NESTING` is noted, and left out as a whole. Values are not
+        checked.
         """
         if isinstance(content, str) and nesting(content) > _MAX_NESTING:
             detail = f"brackets are nested deeper than {_MAX_NESTING}"

@@ -56,9 +56,10 @@ def computed(declared: Declarations, parent: Style, viewport: Viewport, note: No
     """Compute the style of an element from its declarations and the style of its parent.
 
     - `viewport`: sizes to which lengths and percentages are relative.
-    - `note`: called for each invalid declaration that no valid one of the same property outranks
-      (of `font`, only for the value of highest rank in CSS), and for values of properties in
-      `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` that may change the image and are not outranked.
+    - `note`: called for each invalid declaration that no valid one of the same property outranks.
+      Of `font`, only the value of highest rank in CSS is checked. `note` is also called for values
+      of properties in `UNSUPPORTED` or `_UNSUPPORTED_IN_CSS` that may change the image and are not
+      outranked.
 
     An invalid declaration has no effect: the declaration of the next lower rank is used instead.
     Without a valid declaration, a property has its parent's value if it is inherited, and its
@@ -139,7 +140,7 @@ def _value(
     - `font_size`: font size of the element in user units, to which `em` is relative.
 
     `inherit` gives the value of the parent, and `initial` the initial value. `unset`, `revert` and
-    `revert-layer` give the former for an inherited property, and the latter for any other. Raises
+    `revert-layer` mean `inherit` for an inherited property, and `initial` for any other. Raises
     `ValueError` for a length that lacks its unit (`_WITH_UNITS`), for a `background` that is
     invalid, and for text that the parser in `PARSERS` refuses.
     """
@@ -162,10 +163,11 @@ def _value(
 def _computed_font_size(declared: Declarations, parent: Style, viewport: Viewport) -> float:
     """The font size of an element, in user units.
 
-    The properties `font-size` and `font` both set it. The one that has the declaration of highest
-    rank counts, or the other if it has no valid value; of `font`, only the value of highest rank in
-    CSS is considered. Without a valid value of either, the result is the parent's font size.
-    Invalid values are not noted here, since `computed` notes them.
+    The properties `font-size` and `font` both set the font size. Of these two, the one that has the
+    declaration of highest rank counts, unless it has no valid value; then the other one counts. Of
+    `font`, only the value of highest rank in CSS is considered. Without a valid value of either,
+    the result is the parent's font size. Invalid values are not noted here, since `computed` notes
+    them.
     """
     size = parent.font_size
     # The properties in `css` are in the order in which they take effect.

@@ -218,8 +218,9 @@ def _dashoffset(text: str, _: Style, viewport: Viewport, font_size: float) -> fl
 def _paint_order(text: str, *_: object) -> tuple[str, ...]:
     """Parse `paint-order`; returns `"fill"` and `"stroke"` in the order of painting.
 
-    What the text does not name comes last, `"fill"` first. `normal` alone names neither. `markers`
-    is accepted, but left out. Raises `ValueError` for words that are repeated or not known.
+    Those that the text does not name come last, `"fill"` before `"stroke"`. `normal` alone names
+    neither. `markers` is accepted, but left out. Raises `ValueError` for words that are repeated or
+    not known.
     """
     words = text.lower().split()
     if words == ["normal"]:

@@ -31,8 +31,8 @@ class Context:
 
     - `name`: name of the document in errors and warnings.
     - `height`, `width`: size of the canvas in pixels.
-    - `transform`: the caller's homogeneous map `[3, 3]` from the root's user units to pixels, which
-      replaces the fit of the drawing into the canvas; None for that of the dialect.
+    - `transform`: the caller's homogeneous map `[3, 3]` from the root's user units to pixels; None
+      to fit the drawing into the canvas as the dialect does.
     - `opacity`: whether opacities and alpha are applied; if not, all that is drawn is opaque.
     - `frame`: whether the course's outline of the drawing is drawn, in dialect `course`.
     - `fit`: text that replaces the root's `preserveAspectRatio`; None to use the root's.

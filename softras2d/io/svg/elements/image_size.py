@@ -13,9 +13,10 @@ def image_size(page: Page, element: Element, lengths: ElementLengths) -> tuple[f
     """The (height, width) of an `image`, in user units.
 
     `lengths` reads the attributes of the image. A side that is missing or `auto` follows from the
-    other side and the aspect ratio of the picture. If both are, the size is that of the picture,
-    whose pixels count as user units. Such a side is 0 if the picture cannot be read. A negative
-    side is noted and counts as 0. Raises `BudgetError` for a picture that is too large.
+    other side and the aspect ratio of the picture. If both sides are missing or `auto`, the size is
+    that of the picture, whose pixels count as user units. If the picture cannot be read, a side
+    that is missing or `auto` is 0. A negative side is noted and counts as 0. Raises `BudgetError`
+    for a picture that is too large.
 
     **Source:** SVG 2, section 12.3.
     """

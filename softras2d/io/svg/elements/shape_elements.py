@@ -36,7 +36,7 @@ class ElementLengths:
 
     - `declared`: declarations of the element, since style sheets may set some of the lengths.
     - `style`: computed style of the element, for its font size.
-    - `page`: at the time of reading, its `viewport` is what percentages are relative to.
+    - `page`: percentages are relative to its `viewport` at the time of reading.
     """
 
     def __init__(self, page: Page, element: Element, declared: Declarations, style: Style):
@@ -47,10 +47,10 @@ class ElementLengths:
         self.report = page.report(element)
 
     def text(self, name: str) -> str | None:
-        """The text of an attribute, or of the CSS property of this name, which outranks it.
+        """The text of an attribute, or of the CSS property of the same name, which outranks it.
 
-        The property stands in a style sheet or in the attribute `style`, and is one that applies to
-        this element. Returns None if neither is given.
+        The property may be given in a style sheet or in the attribute `style`. It counts only if it
+        applies to this element. Returns None if neither the attribute nor the property is given.
         """
         values = self._css_values(name)
         return values[0] if values else self._element.attrib.get(name)
@@ -92,9 +92,9 @@ class ElementLengths:
         return default
 
     def size(self, name: str, default: float = 0.0) -> float:
-        """A length in user units that must not be negative, like `read`.
+        """A length in user units, read as `read` does, that must not be negative.
 
-        A negative length is noted, and gives `default`.
+        A negative length is noted, and the result is then `default`.
         """
         value = self.read(name, default)
         if value < 0:

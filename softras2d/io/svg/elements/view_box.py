@@ -1,7 +1,7 @@
 """Computes the size of a drawing, and the map from its user units to the pixels of a canvas.
 
-The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`, which has its own
-rules for both.
+The *course* is a rasterizer course whose subset of SVG is the dialect `"course"`. It has its own
+rules for the size and for the map.
 """
 
 import math
@@ -141,7 +141,8 @@ def _side(
 def round_up(size: tuple[float, float]) -> tuple[int, int]:
     """Round a (height, width) up to whole pixels, at least 1 each.
 
-    Less than 1e-6 above a whole number is rounded down, and sides above 1e15 are cut to it first.
+    A side that exceeds a whole number by less than 1e-6 is rounded down. A side above 1e15 is first
+    reduced to 1e15.
     """
     # Units such as mm give sizes that exceed a whole number by a rounding error.
     height, width = (max(1, math.ceil(min(side, 1e15) - 1e-6)) for side in size)

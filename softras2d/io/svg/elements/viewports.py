@@ -25,8 +25,8 @@ class RootViewport(NamedTuple):
 
     - `map3`: homogeneous map `[3, 3]` from the root's user units to pixels of the canvas. Zero if
       nothing is drawn, since the viewBox has no area and the caller gave no map.
-    - `box`: the viewBox of the root. If it has no valid one, a box at (0, 0) of the document's
-      size, or of the canvas's if the document gives no size.
+    - `box`: the viewBox of the root. Without a valid viewBox, it is a box at (0, 0) that has the
+      size of the document or, if the document gives none, the size of the canvas.
     - `viewport`: sizes to which lengths of the root's children are relative.
     """
 
@@ -113,9 +113,9 @@ def nested_viewport(
     - `use`: the `use` that draws the instance, whose `width` and `height`, if given, replace the
       element's; None for an `svg` that is drawn where it stands.
 
-    The lengths of both are relative to `page.viewport`, whose size replaces a `width` or `height`
-    that is missing or invalid. Returns None if the viewport or the viewBox has no area, so that
-    nothing is drawn.
+    The lengths of the element and of the `use` are relative to `page.viewport`. If the element
+    lacks a valid `width` or `height`, it has that of `page.viewport`. Returns None if the viewport
+    or the viewBox has no area, so that nothing is drawn.
 
     **Source:** SVG 2, sections 5.5.2 (*Layout of re-used graphics*) and 8.2 (*Computing the
     equivalent transform of an SVG viewport*).
@@ -149,9 +149,9 @@ def nested_state(
     - `declared`: declarations of the element.
     - `state`: state of the element itself, with its style and its map to pixels.
 
-    The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. If it has two
-    keywords, the first decides, as in Chromium. Returns None if the viewport or the viewBox has no
-    area, so that nothing is drawn.
+    The clip is reduced to the viewport, unless `overflow` is `visible` or `auto`. If `overflow` has
+    two keywords, the first decides, as in Chromium. Returns None if the viewport or the viewBox has
+    no area, so that nothing is drawn.
     """
     nested = nested_viewport(page, element, declared, state.style, state.use_of(element))
     if nested is None:

@@ -97,11 +97,11 @@ class Cone(NamedTuple):
         return self.apex + (self.start_scale + (1.0 - self.start_scale) * position) * rays
 
     def span(self, points: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
-        """The position of the apex, and that of a circle that all rays meet beyond all `points`.
+        """The positions along the gradient of the apex, and of a circle beyond all `points`.
 
-        Both are positions along the gradient. They bound the circles that are needed to paint the
-        convex hull of `points`, which are in the gradient's units. Beyond means at least as far
-        from the apex.
+        All rays meet this circle at least as far from the apex as the farthest of `points`, which
+        are in the gradient's units. The two positions bound the circles that are needed to paint
+        the convex hull of `points`.
         """
         shortest = abs(self.radius - float(np.hypot(*self.offset)))
         scale = self._farthest(points) / max(shortest, 1e-9)
@@ -153,9 +153,9 @@ class Tube(NamedTuple):
     radius: float
 
     def rays(self, count: int) -> Float[np.ndarray, "rays 2"]:
-        """Vectors from a circle's center to `count` points of the half that faces the start.
+        """Vectors from a circle's center to `count` points of the half circle that faces the start.
 
-        They are in order of their angle, and the same for all circles.
+        The vectors are in order of their angle, and the same for all circles.
         """
         angle = _towards_start(self.axis) + math.pi / 2 * np.linspace(-1.0, 1.0, count)
         return self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

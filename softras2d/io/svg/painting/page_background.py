@@ -49,8 +49,8 @@ def becomes_background(
     The rect must equal `box`, and have sharp corners, a constant colour and no stroke. It must also
     cover the canvas, on which the viewBox may leave margins, as an upright rectangle. It must not
     be cut by a clip or in a group with opacity, and no background may have been set before. The
-    caller tests its `opacity` and `visibility`. Returns whether the rect has
-    become the background, `page.context.background`, so that it need not be drawn.
+    caller tests its `opacity` and `visibility`. Returns whether the rect has become the background,
+    `page.context.background`, so that it need not be drawn.
     """
     context = page.context
     paint = style.color if style.fill == CURRENT else style.fill

@@ -77,7 +77,7 @@ def _templates(page: Page, gradient: Element) -> list[Element]:
     """A gradient, followed by the gradient to which it refers, and so on.
 
     A reference to something else, or to a gradient that is in the chain already, is noted and ends
-    the chain, and so does one more reference than `_MAX_TEMPLATES`.
+    the chain. At most `_MAX_TEMPLATES` references are followed; one more is noted too.
     """
     chain, visited = [gradient], {id(gradient)}
     while (href := chain[-1].attrib.get("href")) is not None:
@@ -273,9 +273,9 @@ def _radial(
     """The paint of a `radialGradient`; the colour of the last stop if the end circle's radius is 0.
 
     The arguments are as for `_linear`. Returns None if both circles are equal, and for a radius of
-    0 if the last stop is fully transparent. If the start circle is larger, both circles and the
-    stops are swapped. If the smaller circle touches the larger one from inside, it is moved inwards
-    a little. A negative radius is noted, and replaced by the default.
+    0 if the last stop is fully transparent. If the start circle is larger, both circles are swapped
+    and the stops reversed. If the smaller circle touches the larger one from inside, it is moved
+    inwards a little. A negative radius is noted, and replaced by the default.
     """
     lengths = _Lengths(page, chain, in_box)
     cx, cy, r = (lengths.read(name, "50%") for name in ("cx", "cy", "r"))

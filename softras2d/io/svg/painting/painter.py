@@ -204,13 +204,14 @@ class Painter:
     ) -> tuple[tuple[float, ...], float]:
         """The dash pattern and its offset, scaled as the attribute `pathLength` asks.
 
+        - `element`: the element of the path, which must have the attribute `pathLength`.
         - `contours`: `[n, 2]` each, the flattened path, in user units or in pixels.
         - `closed`: whether each contour is closed.
 
-        `element` must have this attribute. The style's pattern and offset are in units in which the
-        complete path is `pathLength` long. They are converted to the units of `contours`. The
-        pattern is empty for a stroke without gaps: if `pathLength` or the path's length is 0. An
-        invalid `pathLength` is noted and has no effect.
+        The pattern and offset of `style` are in units in which the complete path is `pathLength`
+        long. They are converted to the units of `contours`. The pattern is empty for a stroke
+        without gaps: if `pathLength` or the path's length is 0. An invalid `pathLength` is noted
+        and has no effect.
 
         **Source:** SVG 2, section 9.6.1.
         """

@@ -108,8 +108,8 @@ def _sectors(
     """
     stretch = float(np.linalg.norm(gradient.to_pixels[:2, :2], 2))
     distance = math.dist(gradient.center, gradient.focus)
-    # Circles lie closest together on the side from which their centers move away. There, their
-    # distance for each unit of position is this; it is 0 if they touch or cross each other.
+    # Circles lie closest together on the side from which their centers move away. `closest` is
+    # their distance there for each unit of position; it is 0 if they touch or cross each other.
     closest = max(gradient.radius - gradient.focal_radius - distance, 0.0)
     allowed = math.inf
     for start, end, start_color, end_color in rings:

@@ -37,7 +37,10 @@ def declared_size(document: Document, dialect: str, tree: Element | None = None)
 def _exact_size(
     document: Document, dialect: str, tree: Element | None = None
 ) -> tuple[float, float]:
-    """The size that `declared_size` returns, and its errors, but not rounded."""
+    """The (height, width) in pixels that a document declares, before `declared_size` rounds it up.
+
+    The arguments and errors are as for `declared_size`.
+    """
     tag, attributes = root(document)
     try:
         if dialect == "course":

@@ -14,8 +14,8 @@ from ....color import linear_to_srgb
 Rgba = tuple[float, float, float, float]
 """Red, green, blue in sRGB, and straight alpha.
 
-Alpha is in 0..1. The other channels are 0..1 for colours that a display can show. They may lie
-outside, and may not be finite: code that needs finite colours checks them later.
+Alpha is in 0..1. The other channels are 0..1 for colours that a display can show. They may also lie
+outside, and even be infinite or NaN: code that needs finite colours checks them later.
 """
 
 CURRENT = "currentcolor"

@@ -31,9 +31,8 @@ def write_svg_film(
     frames is not animated.
 
     - `scenes`: one for each frame, with equal numbers of triangles, of colours per triangle, and of
-      channels of colours and of backgrounds. Triangle k of all scenes is the
-      same triangle at different times. Colours are flat: a triangle with corner colours is written
-      in their mean.
+      channels of colours and of backgrounds. Triangle k of all scenes is the same triangle at
+      different times. Colours are flat: a triangle with corner colours is written in their mean.
     - `height`, `width`: size of the canvas, in pixels.
     - `seconds_per_frame`: duration of the film divided by the number of frames, above 0.
     - `digits`: decimals to which coordinates are rounded, 0 to 6. Colours are clipped to 0..1 and
@@ -42,8 +41,8 @@ def write_svg_film(
       They still jump from the last frame to the first.
 
     The file is written completely or not at all. Raises `ValueError`, one line, for no scenes,
-    scenes in which these numbers differ, scenes with textures, `depth` or `inverse_w`, values that
-    cannot be written, and a file that cannot be written.
+    scenes whose numbers of triangles, colours or channels differ, scenes with textures, `depth` or
+    `inverse_w`, values that cannot be written, and a file that cannot be written.
     """
     path = Path(path)
     check_writable_path(path)

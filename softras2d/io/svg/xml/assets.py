@@ -169,7 +169,7 @@ class Assets:
 
 
 def _embedded(uri: str) -> bytes:
-    """Decode the bytes of a `data:` URI that is an image in base64; they are those of its file.
+    """Decode a `data:` URI that is an image in base64; returns the bytes of the image file.
 
     Raises `ValueError` for text that is not base64, and for media other than raster images. A URI
     without a media type is accepted.

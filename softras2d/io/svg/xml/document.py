@@ -60,9 +60,9 @@ class Document(NamedTuple):
 class Children(enum.Enum):
     """How `walk` treats the children of an element.
 
-    - `READ`: like any element: they are passed to `Reader.open`, and `Reader.close` follows.
-    - `NAMED`: direct children are passed to `Reader.inside` alone, and elements inside of them are
-      ignored.
+    - `READ`: the children are passed to `Reader.open` like any element, and `Reader.close` follows.
+    - `NAMED`: direct children are passed to `Reader.inside` alone, and elements inside of the
+      children are ignored.
     - `SKIPPED`: no elements inside the element are passed on.
     """
 
@@ -282,8 +282,9 @@ class _RootRead(Exception):
 
 
 def root(document: Document) -> tuple[str, Attributes]:
-    """Name and attributes of the root element, with prefixes. The rest is not parsed.
+    """Name and attributes of the root element. Nothing after its start tag is parsed.
 
+    Names have their prefixes, as in the document.
     Raises `SvgError` for an error in the XML that comes before the end of the root's start tag.
     """
     parser = expat.ParserCreate(document.encoding)
@@ -305,8 +306,8 @@ def _parse(document: Document, parser: expat.XMLParserType, with_entities: bool 
     `with_entities` says whether entities may be declared, up to `MAX_ENTITIES` short texts that
     refer to nothing. Raises `SvgError` for errors in the XML, for other entities, for more than
     `MAX_DEFAULTS` attribute defaults, and for a text that cannot be decoded. An error that a
-    handler raises is passed on, except that a `ValueError` or `LookupError` becomes an `SvgError`,
-    as if the text could not be decoded, unless it is one already.
+    handler raises is passed on. But a `ValueError` or `LookupError` that is no `SvgError` is
+    mistaken for a failure to decode the text, and becomes an `SvgError`.
     """
 
     def refuse(problem: str) -> NoReturn:

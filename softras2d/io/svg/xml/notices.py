@@ -12,16 +12,22 @@ from typing import NamedTuple
 from .document import SvgError, in_one_line
 
 NOT_DRAWN = "not drawn"
-"""The element is left out, with its children."""
+"""Kind of a notice about an element that is left out, with its children."""
 
 WITHOUT_EFFECT = "without effect"
-"""The element is drawn as if the attribute were missing, since the reader does not support it."""
+"""Kind of a notice about an attribute that the reader does not support.
+
+The element is drawn as if the attribute were missing.
+"""
 
 INVALID = "ignored as invalid"
-"""The attribute or element has an error, which is handled as the standard prescribes."""
+"""Kind of a notice about an error in an attribute or element.
+
+The error is handled as the standard prescribes.
+"""
 
 APPROXIMATE = "drawn approximately"
-"""The element is drawn with the nearest equivalent."""
+"""Kind of a notice about an element that is drawn only approximately."""
 
 _UNSUPPORTED_VALUES = re.compile(
     r"""\b(?:var|env|calc|min|max|clamp|color-mix|translatez|translate3d|scalez|scale3d|rotatex

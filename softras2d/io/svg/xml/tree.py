@@ -77,7 +77,10 @@ class Element:
 
     @property
     def text(self) -> str:
-        """The character data in `texts`; for `:empty`, which no element with text matches."""
+        """The character data in `texts`.
+
+        cssselect2 reads it for the selector `:empty`, which no element with text matches.
+        """
         return "".join(self.texts)
 
     @property
@@ -125,7 +128,7 @@ class Element:
 def read_tree(document: Document, budget: Budget) -> Element:
     """Parse a document as a tree; returns its root, which is `<svg>`.
 
-    Its attributes and elements are charged to `budget`. Raises `SvgError` as `walk` does, for a
+    The attributes and elements are charged to `budget`. Raises `SvgError` as `walk` does, for a
     root that is not `<svg>`, and for more elements than the budget allows.
     """
     builder = _TreeBuilder(budget)
