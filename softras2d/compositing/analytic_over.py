@@ -35,18 +35,20 @@ from .chunks_as_layers import (
 )
 
 Opacities = Float[Array, "chunks chunk_slots pixels"]
-"""One number for each slot at each pixel of its tile, such as its opacity: coverage times alpha.
-The pixels of a tile are listed row by row."""
+"""One number for each slot, a triangle in a tile, at each pixel of the tile. An example is its
+opacity: coverage times alpha. The pixels of a tile are listed row by row."""
 
 Colors = Float[Array, "chunks chunk_slots 3 #pixels"]
-"""Straight RGB of each slot at each pixel; an axis of pixels of length 1 means the same at all."""
+"""Straight RGB of each slot at each pixel of its tile. The axis of pixels has length 1 if each slot
+has the same colour at all pixels."""
 
 Channel = Float[Array, "chunks chunk_slots #pixels"]
 """One channel of `Colors`."""
 
 Fixed = tuple[Opacities, Colors, Chunks, list[ChunkPixels], ChunkPixels]
 """Inputs of the derivatives that are not differentiated themselves: the opacity and colours of the
-slots, the chunks, and the premultiplied colour and the alpha of each chunk by itself."""
+slots, the chunks, and the premultiplied colour and the alpha of each chunk, composited
+separately."""
 
 
 def composite(
@@ -58,8 +60,8 @@ def composite(
 ) -> Float[Array, "4 tiles pixels"]:
     """Composite the slots of each tile with "over", nearest first, at each pixel of the tile.
 
-    Returns the premultiplied RGBA of each pixel, without background. Differentiable with respect to
-    `opacity` and `colors`.
+    A slot is a triangle in a tile, or empty. Returns the premultiplied RGBA of each pixel, without
+    background. Differentiable with respect to `opacity` and `colors`.
 
     - `opacity`: coverage times alpha, 0..1; 0 in empty slots.
     - `colors`: straight RGB; the axis of pixels has length 1 if each slot has one colour.

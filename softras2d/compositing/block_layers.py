@@ -34,6 +34,9 @@ from .sample_blocks import (
 class Layer(NamedTuple):
     """One entry in the list of each tile of a block, all at the same position of their lists.
 
+    Lines are the rows of pixels of the block's tiles, and sub-rows are the rows of samples of a
+    pixel (`sample_blocks`).
+
     - `words`: coverage words of the samples to composite; 0 where a tile's list has ended.
     - `line_colors`: RGBA of the triangle's corners, with straight alpha, repeated for each line.
     - `weights`: weights on the screen of corners 1 and 2 at each sample; None if triangles have one
@@ -46,10 +49,11 @@ class Layer(NamedTuple):
 
 
 def pair_rows(surface: Surface, pairs: ListedPairs, tiling: Tiling) -> Rows:
-    """Pack what a layer needs of each entry of the tile lists.
+    """Pack the data of each entry of the tile lists from which `gather_layer` makes a layer.
 
-    It is the RGBA of the corners of its triangle, with straight alpha, and the terms of the
-    barycentric weights in its tile (`AffineWeights`), which are None for triangles of one colour.
+    An entry is a triangle in a tile. Its data are the RGBA of the triangle's corners, with straight
+    alpha, and the terms of its barycentric weights in the tile (`AffineWeights`), which are None if
+    triangles have one colour.
     """
     colors = materialized(lambda colors, triangle: colors[..., triangle])
     terms = None
@@ -74,7 +78,7 @@ def gather_layer(
 
     The layer covers nothing in tiles whose lists are shorter, nor if `is_used` is false.
 
-    - `pairs`, `rows`: the entries of all lists.
+    - `pairs`, `rows`: the entries of all lists, and their data as packed by `pair_rows`.
     - `block`: the tiles of the block and their lists, without the axis of blocks.
     - `step`: as in `on_one_core`.
     """
@@ -89,14 +93,20 @@ def gather_layer(
 def _entries(
     block: Blocks, position: Int[Array, ""], is_used: Bool[Array, ""] | bool
 ) -> tuple[Int[Array, " block"], Bool[Array, " block"]]:
-    """Compute `entries_at` for one position; no entry exists if `is_used` is false."""
+    """Find the index of each tile's list entry at one position, and whether the entry exists.
+
+    This is `entries_at`, but no entry exists if `is_used` is false.
+    """
     pair, exists = entries_at(block, position)
     return pair, exists & is_used
 
 
 @materialized
 def _line_colors(columns: Columns) -> Float[Array, "4 corners lines"]:
-    """RGBA of the corners of the triangle of each line's tile, from `pair_rows`."""
+    """RGBA of the corners of the triangle of each line's tile, with straight alpha.
+
+    `columns` has the result of `pair_rows` for this triangle.
+    """
     return columns.unpack()[0].swapaxes(0, 1)
 
 
@@ -108,8 +118,8 @@ def _sample_weights(
 
     They are the barycentric weights on the screen. `columns` has the result of `pair_rows` for the
     triangle of each line's tile. The weights are those of `barycentric.weights_at`, computed with
-    fewer operations at each sample: the integer there is that at the first sample of its pixel plus
-    the change from there, which is the same in all pixels.
+    fewer operations at each sample. The integer from which a weight is computed is the one at the
+    first sample of the pixel, plus a change from there, which is the same in all pixels.
     """
     pixel_values = _pixel_values(columns, tiling=tiling)
     changes = _changes(columns, tiling=tiling)
@@ -122,7 +132,10 @@ def _sample_weights(
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _pixel_values(columns: Columns, *, tiling: Tiling) -> Int[Array, "2 width lines"]:
-    """Integer of the edge function opposite each corner, at the first sample of each pixel."""
+    """Integer of the edge function opposite corners 1 and 2, at the first sample of each pixel.
+
+    It is the integer from which `weights_at` computes the weight of the corner (`AffineWeights`).
+    """
     start, right, down = _integers(columns)
     shape = (1, tiling.width, start.shape[-1])
     column, line = (jax.lax.broadcasted_iota(jnp.int32, shape, axis) for axis in (1, 2))
@@ -132,7 +145,7 @@ def _pixel_values(columns: Columns, *, tiling: Tiling) -> Int[Array, "2 width li
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _changes(columns: Columns, *, tiling: Tiling) -> Int[Array, "2 sub_rows sub_columns lines"]:
-    """Change of these integers from the first sample of a pixel to each of its samples."""
+    """Change of the integers of `_pixel_values` from the first sample of a pixel to each sample."""
     _, right, down = _integers(columns)
     rate = tiling.grid.rate
     shape = (1, rate, rate, right.shape[-1])
@@ -141,7 +154,7 @@ def _changes(columns: Columns, *, tiling: Tiling) -> Int[Array, "2 sub_rows sub_
 
 
 def _integers(columns: Columns) -> list[Int[Array, "2 lines"]]:
-    """Return `start`, `right` and `down` of the terms of the weights (`AffineWeights`)."""
+    """Return `start`, `right` and `down` of the weights of corners 1 and 2 (`AffineWeights`)."""
     return list(columns.unpack()[1][:3])
 
 
@@ -154,7 +167,10 @@ def _weight_of_corner(
     tiling: Tiling,
     corner: int,
 ) -> Float[Array, "*samples"]:
-    """Weight of corner 1 or 2, for `corner` 0 or 1, at each sample of a block."""
+    """Barycentric weight of corner 1 or 2, for `corner` 0 or 1, at each sample of a block.
+
+    `pixel_values` and `changes` are as returned by `_pixel_values` and `_changes`.
+    """
     _, (*_, scale, offset, plane, is_far) = columns.unpack()
     value = pixel_values[corner][None, None] + changes[corner][:, :, None]
     weight = value.astype(scale.dtype) * scale[None, None, None] + offset[corner][None, None, None]

@@ -123,8 +123,9 @@ def dot_behind(
     The result is 0 for the last chunk of a tile.
 
     - `alpha`: alpha of each chunk.
-    - `blended`: premultiplied value of each chunk in this channel. For the vjp it is the dot
-      product of the chunk's RGBA and the cotangent, so the result is that of the composite behind.
+    - `blended`: premultiplied value of each chunk in this channel. In the vjp, it is the dot
+      product of the chunk's RGBA and the cotangent of the pixel. The result is then the dot product
+      of the RGBA of the composite behind and this cotangent.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     last = chunks.count[chunks.tile] - 1

@@ -76,10 +76,11 @@ def sum_shaded(
 
 
 class _Inputs(NamedTuple):
-    """What shading fragments takes; the fields are as in `sum_shaded`.
+    """Inputs of `_shade_in_blocks`; a slot is a triangle in a tile.
 
-    - `slot_lanes`: the data of the surface for each slot.
-    - `triangle`, `tile`: triangle and tile of each slot.
+    - `surface`, `fragments`, `covered`: as in `sum_shaded`.
+    - `slot_lanes`: the data of the surface, gathered for each slot.
+    - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     """
 
     surface: Surface
@@ -100,9 +101,9 @@ def _shade_in_blocks(
 ) -> Float[Array, "channels fragments"]:
     """Shade each fragment, and sum the colours of its visible samples.
 
-    - `texels`: the texels of the surface, apart, so that they can be differentiated apart; None for
-      a surface without textures.
-    - `size`: maximum number of fragments in a block. All of a block are shaded at once.
+    - `texels`: the texels of the surface; None for a surface without textures. They are separate
+      from the other inputs because `size` may depend on whether they are differentiated.
+    - `size`: maximum number of fragments in a block. All fragments of a block are shaded at once.
     """
     surface, slot_lanes, fragments, covered, triangle, tile = inputs
     if surface.textures is not None and texels is not None:
@@ -215,10 +216,10 @@ def _add_to_pixels(
 def _pixel_index(
     tile: Int[Array, " slots"], fragments: Fragments, tiling: Tiling
 ) -> Int[Array, " fragments"]:
-    """Compute the index of each fragment's pixel in a flat array `[tiles, fields, word_rows]`.
+    """Compute the index of each fragment's pixel in a flattened array `[tiles, fields, word_rows]`.
 
-    This is the layout of unpacked arrays (`Packing`), and `tile` is the tile of each slot.
-    Fragments that are not used have an index beyond the array.
+    The array has the layout of unpacked arrays (`Packing`). Fragments that are not used get the
+    index one past its last entry. `tile` is the tile of each slot.
     """
     packing = Packing.of(tiling.grid.rate)
     field, word = fragments.column // packing.words, fragments.column % packing.words
@@ -234,5 +235,8 @@ def _pixel_index(
 def _scatter_add(
     channel: Float[Array, " fragments"], pixel: Int[Array, " fragments"], pixels: int
 ) -> Float[Array, " pixels"]:
-    """Sum one channel over the fragments of each pixel; `pixel` is the pixel of each fragment."""
+    """Sum one channel over the fragments of each pixel; the result has `pixels` entries.
+
+    `pixel` is the index of each fragment's pixel. Fragments whose index is `pixels` are left out.
+    """
     return jnp.zeros(pixels, channel.dtype).at[pixel].add(channel, mode="drop")

@@ -21,8 +21,8 @@ from .analytic_over import composite
 from .opaque import sum_chunks
 
 _LEAST_LOG_WEIGHT = -80.0
-"""Logarithm of the factor exp(-z / temperature), relative to the nearest triangle's, at and below
-which a triangle is ignored."""
+"""A triangle is ignored if its factor exp(-z / temperature), divided by the nearest triangle's
+factor, has a logarithm of this number or less."""
 
 
 def mix(
@@ -47,6 +47,7 @@ def mix(
     - `depth`: greater is farther away, in any unit.
     - `temperature`: in the unit of depth, positive. Triangles whose depths differ by much less are
       mixed; of those that differ by much more, only the nearest counts.
+    - `chunks`: the slots of each tile. A slot is a triangle in a tile, or empty.
     - `max_chunks`: upper bound on the number of chunks of a tile.
     """
     nearest, reference = _nearest(*jax.lax.stop_gradient((opacity, depth, colors)), chunks)

@@ -104,7 +104,11 @@ def _composite(
 
 @functools.partial(_composite.defjvp, symbolic_zeros=True)
 def _composite_jvp(max_chunks, weights, primals, tangents):
-    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states."""
+    """Compute `composite` and its jvp; the vjp is the transpose that each linear map states.
+
+    `primals` and `tangents` are those of the arguments of `_composite` from `opacity` on. Opacity,
+    positions and corner colours have tangents, which may be symbolic zeros.
+    """
     opacity, _, corners, geometry, chunks = primals
     opacity_change, velocity, corner_change, _, _ = tangents
     sums = _blend_chunks(weights, opacity, corners, geometry, chunks)
@@ -184,7 +188,7 @@ def _blend_change(
 ) -> list[ChunkPixels]:
     """Compute the jvp of `_blend_chunks` with respect to the opacities of the slots.
 
-    `opacity_change` is the tangent of `opacity`.
+    `opacity_change` is the tangent of `opacity`. The other arguments are as in `_composite`.
     """
 
     def blend_block(block: Any) -> list[ChunkPixels]:
@@ -209,7 +213,7 @@ def _blend_color_change(
     """Compute the jvp of `_blend_chunks` with respect to the positions and colours of the corners.
 
     `velocity` is the tangent of the positions and `corner_change` the tangent of the colours; None
-    stands for 0. At least one of them is not None.
+    stands for 0. At least one of them is not None. The other arguments are as in `_composite`.
     """
 
     def blend_block(block: Any) -> list[ChunkPixels]:
@@ -245,7 +249,7 @@ def _dot_with_cotangent(
     """Compute the dot product of each slot's colour and the pixel's cotangent, at each pixel.
 
     The colour is the interpolated RGB with alpha 1. `cotangent` is the cotangent of the RGBA of the
-    pixels.
+    pixels. The other arguments are as in `_composite`.
     """
 
     def dot_block(block: Any) -> over.Opacities:
@@ -315,9 +319,9 @@ def _flatten(slots: Any) -> Any:
 def _gather_tiles(
     cotangent: TileColors, tile: Int[Array, " entries"]
 ) -> list[Float[Array, "entries pixels"]]:
-    """Gather the cotangent of the tile of each chunk or slot, one array per channel of RGBA.
+    """Gather the cotangents of the pixels of each entry's tile, one array per channel of RGBA.
 
-    `tile` has the index of the tile of each of them.
+    The entries are chunks or slots, and `tile` has the index of the tile of each entry.
     """
     return [channel[tile] for channel in cotangent]
 

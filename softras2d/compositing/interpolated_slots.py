@@ -2,7 +2,8 @@
 
 A slot is a triangle in a tile. Its colours at the pixels are interpolated between its three
 corners. `interpolated_over` calls these functions for the slots of a block, which on a GPU may be
-all. Each function uses the colours that it interpolates at once, so that they are never stored.
+all slots. Each function uses the colours that it interpolates at once, so that they are never
+stored.
 """
 
 import functools
@@ -24,9 +25,9 @@ SlotWeights = tuple[Float[Array, "slots pixels"], Float[Array, "slots pixels"]]
 
 @functools.partial(materialized, static_argnames=("weights",))
 def evaluate(weights: PixelFunction, geometry: Any) -> SlotWeights:
-    """Compute the weights of corners 1 and 2 at all pixels of each slot's tile.
+    """Compute the barycentric weights of corners 1 and 2 at all pixels of each slot's tile.
 
-    `weights` is the function for them, and `geometry` the geometry of each slot that it takes.
+    `weights` is the function that computes them at a pixel, from the `geometry` of each slot.
     """
     dtype = jax.tree.leaves(geometry)[0].dtype
     second, third = weights.value(*spread(geometry, jnp.zeros((), dtype), weights.tile_side))
@@ -75,7 +76,8 @@ def blend_interpolated_change(
 ) -> list[ChunkPixels]:
     """Compute the jvp of `blend_interpolated` with respect to the opacities of the slots.
 
-    `opacity_change` is the tangent of `opacity`.
+    `opacity_change` is the tangent of `opacity`. The other arguments are those of
+    `blend_interpolated`.
     """
     colors = [channel.reshape(opacity.shape) for channel in _interpolate(values, corners)]
     return blend_channels_change(opacity, opacity_change, colors)
@@ -88,6 +90,8 @@ def dot_interpolated(
     corners: list[Float[Array, " slots"]],
 ) -> Opacities:
     """Compute the dot product of each slot's interpolated RGBA, with alpha 1, and the cotangent.
+
+    There is one dot product for each slot at each pixel of its tile.
 
     - `tile_cotangents`: cotangent of the pixels of the tile of each chunk, one array for each
       channel of RGBA.

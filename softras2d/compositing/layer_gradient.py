@@ -33,10 +33,15 @@ def step_back(
     *,
     tiling: Tiling,
 ) -> tuple[Float[Array, "entries block"], Float[Array, "*samples"]]:
-    """Compute the gradient of a layer (`_layer_gradient`), and the value with this layer in front.
+    """Compute the gradient of layer k, and the value R_(k-1) with this layer composited in front.
+
+    The first result is the gradient with respect to the corner colours of the layer's triangle in
+    each tile, as from `_layer_gradient`. Values are composites in which the colour of each layer is
+    replaced by the number W, the dot product of (red, green, blue, 1) and the cotangent of the
+    pixel (`over_gradient`).
 
     - `transmittance`: transmittance in front of the layer.
-    - `value_behind`: R_k, the composite of all layers behind, with W in place of colours.
+    - `value_behind`: R_k, the value of all layers behind layer k.
     - `cotangent`: cotangent of the sums of RGBA of each pixel.
     """
     values = _corner_values(layer.line_colors, cotangent)
@@ -50,7 +55,8 @@ def _corner_values(
 ) -> Float[Array, "corners width lines"]:
     """Compute the dot product of each corner's colour and the cotangent of each pixel.
 
-    The colour is (red, green, blue, 1). The result is W of the corners.
+    The colour is (red, green, blue, 1). The result is the number W (`over_gradient`) of the
+    corners. `line_colors` is the RGBA of the corners of each line's triangle (`Layer`).
     """
     color = line_colors.at[3].set(1.0)[:, :, None]
     channels = [cotangent[channel][None] * color[channel] for channel in range(4)]
@@ -66,11 +72,14 @@ def _add_behind(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Composite a layer over the value behind it: compute R_(k-1) from R_k, at each sample.
+    """Composite layer k over the value R_k of the layers behind it, at each sample.
 
-    Where the layer covers the sample, R_(k-1) is
-    R_k + alpha (W - R_k), with W interpolated from `corner_values` (`_corner_values`); elsewhere it
-    is R_k. `after` is as in `transmittance_behind`.
+    In the symbols of `over_gradient`, the result is R_(k-1). Where the layer covers the sample, it
+    is R_k + alpha (W - R_k), with W interpolated from `corner_values` (`_corner_values`). Elsewhere
+    it is R_k.
+
+    - `value_behind`: R_k.
+    - `after`: as in `transmittance_behind`.
     """
     difference = _value_difference(layer, corner_values, value_behind)
     composite = value_behind + alpha_at_samples(layer) * difference
@@ -82,7 +91,7 @@ def _value_difference(
     corner_values: Float[Array, "corners width lines"],
     value_behind: Float[Array, "*samples"],
 ) -> Float[Array, "*samples"]:
-    """Compute W_k - R_k of a layer k at each sample.
+    """Compute W_k - R_k of a layer k at each sample, in the symbols of `over_gradient`.
 
     W_k is interpolated from `corner_values`, which are as returned by `_corner_values`.
     `value_behind` is R_k.
@@ -127,9 +136,10 @@ def _sum_alpha_derivatives(
 ) -> list[Float[Array, "width lines"]]:
     """Sum the derivative with respect to a layer's alpha over the samples that the layer covers.
 
-    The derivative at a sample is `transmittance` times (W - `value_behind`), with W interpolated
-    from `corner_values`. There is one sum for each pixel and corner, in which the derivative is
-    multiplied by the weight of the corner.
+    The derivative at a sample is `transmittance` times (W - `value_behind`), where W is
+    interpolated from `corner_values`, and all arguments are as in `_layer_gradient`. There is one
+    sum for each pixel and corner, in which the derivative is multiplied by the weight of the
+    corner. A triangle of one colour has one corner, of weight 1.
     """
     if layer.weights is None:
         gains = transmittance * _value_difference(layer, corner_values, value_behind)
@@ -147,7 +157,10 @@ def _covered_gains(
     *,
     tiling: Tiling,
 ) -> Float[Array, "*samples"]:
-    """Derivative with respect to alpha at each sample that the layer covers; 0 at the others."""
+    """Derivative with respect to a layer's alpha at the samples that it covers; 0 at the others.
+
+    The arguments are as in `_layer_gradient`.
+    """
     gains = transmittance * _value_difference(layer, corner_values, value_behind)
     return jnp.where(covers_samples(layer.words, tiling), gains, 0.0)
 

@@ -254,7 +254,8 @@ def _sum_corners(
 
 
 _GATHERED = 32
-"""Greatest number of chunks of a tile that are summed by a gather each; a scatter adds the rest."""
+"""Number of chunks at the front of each tile's list that `sum_chunks` adds by one gather each. A
+single scatter adds all further chunks."""
 
 
 def sum_chunks(
@@ -347,7 +348,7 @@ def uncovered_words(
     """Make, for each tile, the words of the samples that no triangle of its chunks covers.
 
     `covered` has, for each chunk, the samples that it or a chunk before it in its tile covers. Bits
-    past the last sample of a row are set too.
+    past the last sample of a row have no meaning.
     """
     last = covered.at[chunks.first + chunks.count - 1].get(mode="clip")
     return ~jnp.where((chunks.count > 0)[:, None], last, jnp.uint32(0))

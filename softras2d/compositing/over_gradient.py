@@ -40,9 +40,12 @@ from .sample_blocks import ListedPairs
 class GradientState(NamedTuple):
     """Arrays that the loops over the tile lists of a block update.
 
+    A segment is a few successive positions of the lists (`binning.blocks.SEGMENT`).
+
     - `pair_gradient`: gradient with respect to the corner colours of each listed pair, a triangle
       in a tile. Entries are red, green, blue and alpha of each corner in turn.
-    - `step_gradient`: the same for the pairs that each step through one segment visits.
+    - `step_gradient`: such gradients of one segment. A step visits one pair in each tile of the
+      block, and the steps go from the back of the segment to its front.
     - `segment_transmittance`: transmittance in front of each segment of the lists of a block.
     - `layer_transmittance`: transmittance in front of each layer of one segment.
     """
@@ -92,7 +95,7 @@ def color_gradient(
 class _BlockLists(NamedTuple):
     """The lists of one block of tiles, and the data of their entries.
 
-    - `pairs`, `rows`: the entries of the lists of all tiles.
+    - `pairs`, `rows`: the entries of the lists of all tiles, and their data (`pair_rows`).
     - `block`: the tiles of the block and their lists, without the axis of blocks.
     """
 
@@ -107,7 +110,7 @@ class _BlockLists(NamedTuple):
         is_used: Bool[Array, ""],
         tiling: Tiling,
     ) -> Layer:
-        """Gather the layer at one position of the lists, which covers nothing if it is not used.
+        """Gather the layer at one position of the lists; it covers nothing if `is_used` is false.
 
         `step` is as in `on_one_core`.
         """

@@ -1,10 +1,11 @@
 """Composite translucent triangles whose colours must be shaded, such as those with textures.
 
-Colours that corners interpolate are shaded too, if they are in perspective or evaluated once per
-pixel. The method is that of `over`, but the colours of each layer are evaluated at every sample, or
-once for each pixel. One scan goes through the steps of all blocks of tiles, one block after another
-(`binning.lists.Steps`). Its number of steps is fixed, as reverse-mode differentiation requires. For
-the backward pass, autodiff stores the transmittances and colours of every step.
+Colours that are interpolated between corners are shaded too, if they are in perspective or
+evaluated once per pixel. The method is that of `over`, but the colours of each layer are evaluated
+at every sample, or once for each pixel. One scan goes through the steps of all blocks of tiles, one
+block after another (`binning.lists.Steps`). Its number of steps is fixed, as reverse-mode
+differentiation requires. For the backward pass, autodiff stores the transmittances and colours of
+every step.
 
 In annotations, `lines` are the rows of pixels of all tiles of a block, tile by tile, and `width` is
 the width of a tile in pixels. `*samples` has all samples of a block (`sample_blocks`).
@@ -39,7 +40,7 @@ def composite_shaded(
     """Shade and composite the triangles of each tile's list; sum premultiplied RGBA per pixel.
 
     The sums are over the samples of a pixel, without background; `over.to_image` makes the image
-    from them. Steps beyond the capacity of `steps` are missing.
+    from them. Layers are missing if more steps are needed than `steps` can hold (`Steps.needed`).
 
     - `surface`, `pairs`: the triangles, and the entries of the tile lists with their samples.
     - `steps`: the tiles in blocks, and the order in which the entries are visited, front to back.

@@ -45,8 +45,9 @@ def gather_block_words(
     *,
     tiling: Tiling,
 ) -> UInt32[Array, "sub_rows lines"]:
-    """Gather the coverage words of a layer of a block; 0 where `is_valid` is false.
+    """Gather the coverage words of one list entry of each tile of a block; 0 where not `is_valid`.
 
+    A line is a row of pixels of a tile, and has one word for each row of samples in it (sub-row).
     `words` has the coverage words of each entry of the tile lists, and `pair` is the index in the
     tile lists of the entry of each tile. `step` is as in `on_one_core`.
     """
