@@ -66,9 +66,10 @@ def boundary_term(
 ) -> Float[Array, "height width channels"]:
     """Return an image of zeros whose derivative is the boundary term.
 
-    The boundary term is the derivative of the image that is due to moving edges and lines of
-    interpenetration, with respect to `positions` (in pixels) and to `depth` (None for scenes
-    without depth). The arguments are those of `with_boundary_term`, without its `image`.
+    The boundary term is that part of the image's derivative which is due to moving edges, and to
+    moving lines where triangles interpenetrate. It is taken with respect to `positions` (in pixels)
+    and to `depth` (None for scenes without depth). The arguments are those of `with_boundary_term`,
+    without its `image`.
     """
     grid = shape.tiling.grid
     # The zero depends on the inputs: JAX 0.10 cannot differentiate a batched call of a `custom_jvp`
@@ -94,18 +95,19 @@ def with_boundary_term(
     """Return `image` unchanged, with the boundary term added to its derivative.
 
     The boundary term is the derivative with respect to `positions` and `depth` that is due to
-    moving edges and lines of interpenetration (see the top of this file). `crossed_edges` and
-    `samples` get no derivative.
+    moving edges, and to moving lines where triangles interpenetrate (see the top of this file).
+    `crossed_edges` and `samples` get no derivative.
 
-    Second derivatives lack the boundary term altogether, because its rule takes all inputs as
-    constants. They also lack that part of the Hessian of a squared loss which is a product of first
-    derivatives.
+    Second derivatives lack the boundary term altogether, because the jvp rule that adds the term
+    takes its other inputs as constants, and returns `image` without the term. So in the Hessian of
+    a squared loss, the products of first derivatives are incomplete too.
 
-    - `image`: has the dtype of the positions, and under `jax.vmap` is batched if they are.
+    - `image`: must have the dtype of `positions`, and under `jax.vmap` be batched if they are.
     - `positions`: in pixels.
     - `depth`: None for scenes without depth.
-    - `crossed_edges`: the edges of the scene.
-    - `samples`: what the scene shows at each sample, of an opaque or of a translucent scene.
+    - `crossed_edges`: the edges of the scene, and the lines of samples that they cross.
+    - `samples`: what the scene shows at each sample: `OpaqueSamples` of an opaque scene,
+      `LayeredSamples` of a translucent one.
     """
     return image
 
@@ -239,11 +241,11 @@ def _for_all_crossings(
     add: Callable[[Total, Crossings, JumpsAt], Total],
     total: Total,
 ) -> Total:
-    """Compute `total = add(total, crossings, jumps_at)` for all edges that may be visible.
+    """Apply `total = add(total, crossings, jumps_at)` to the crossings of all edges, block by block.
 
-    `crossings` are the crossings of one block of at most `_BLOCK` runs (`runs.Runs`) after another.
-    In an opaque scene, most runs that nearer triangles hide are removed first. Returns the last
-    total.
+    A block has the crossings of at most `_BLOCK` runs (`runs.Runs`). `jumps_at` is a function that
+    computes the jumps of colour there. In an opaque scene, most runs that nearer triangles hide are
+    removed first. Returns the last total.
     """
     block = min(_BLOCK, max(shape.max_runs, 1))
     blocks = -(-shape.max_runs // block)

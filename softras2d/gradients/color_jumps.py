@@ -41,11 +41,12 @@ def opaque_jumps(
 ) -> Float[Array, "values lines runs"]:
     """Compute the jump of colour (`Jumps.jump`) at each crossing of an opaque scene.
 
-    The jump is the colour of the edge's triangle on the edge, minus the colour that is visible just
-    outside the edge, times the signed length of edge that the crossing stands for
-    (`_signed_edge_length`). It is 0 where there is no valid crossing, where the edge is not visible
-    (the top of this file says which crossings count), and where one of the two colours is not known
-    (`SampleColors.are_known`). `cotangent` is as in `layered_jumps`.
+    The jump is a difference of two colours, times the signed length of edge that the crossing
+    stands for (`_signed_edge_length`). The difference is the colour of the edge's triangle on the
+    edge, minus the colour that is visible just outside the edge. The jump is 0 where there is no
+    valid crossing, where the edge is not visible (the top of this file says which crossings count),
+    and where one of the two colours is not known (`SampleColors.are_known`). `cotangent` is as in
+    `layered_jumps`.
     """
     tiling = shape.tiling
     triangle_inside, triangle_outside = (
@@ -85,12 +86,13 @@ def opaque_jumps(
 class EdgeDepths(NamedTuple):
     """Depths that decide which triangle is in front at each crossing.
 
-    The edge's triangle is the triangle to which the edge belongs.
+    The edge's triangle is the triangle to which the edge belongs. The depth that is compared with
+    `visible_outside` is `continued` where this triangle is visible at the sample inside, and
+    `on_edge` elsewhere.
 
-    - `on_edge`: depth of the edge's triangle at the crossing. It decides where this triangle is
-      not visible at the sample inside.
-    - `continued`: depth of the edge's triangle at the sample outside, where its plane is continued.
-      It decides elsewhere.
+    - `on_edge`: depth of the edge's triangle at the crossing.
+    - `continued`: depth of the edge's triangle at the sample outside, to which its plane is
+      continued.
     - `visible_outside`: depth, at the sample outside, of the triangle that is visible there; it has
       no meaning where the background is visible.
     """
@@ -109,15 +111,16 @@ def _find_visible(
     """Decide at which crossings the edge's triangle is visible, and at which its edge is.
 
     Returns two arrays, both false where there is no valid crossing. The first says whether the
-    edge's triangle is visible at the sample inside. The second says whether the edge is visible.
-    This takes two conditions: the edge's triangle is visible at the sample inside, or both samples
-    show the same other triangle or the background; and the edge's triangle lies in front of what is
-    visible at the sample outside. Strips between two triangles are left to `fill_strips`.
+    edge's triangle is visible at the sample inside. The second says whether the edge is visible,
+    for which two conditions must hold. First, the edge's triangle is visible at the sample inside,
+    or both samples show the same other triangle or the background. Second, the edge's triangle lies
+    in front of what is visible at the sample outside. Strips between two triangles are left to
+    `fill_strips`.
 
     - `triangle_inside`, `triangle_outside`: the triangles that are visible at the samples inside
       and outside, -1 for the background.
-    - `depths`: decide which triangle lies in front; of equally deep ones it is the one drawn later.
-      None without depth, where it always is the one drawn later.
+    - `depths`: depths that decide which triangle lies in front; None for scenes without depth. At
+      equal depths, and without depth, the triangle that is drawn later lies in front.
     """
     triangle = (crossings.edge // 3)[None]
     shows_inside, is_drawn_later = triangle_inside == triangle, triangle_outside < triangle
@@ -168,9 +171,10 @@ def layered_jumps(
 ) -> Float[Array, "values lines runs"]:
     """Compute the jump of colour (`Jumps.jump`) at each crossing of a translucent scene.
 
-    The jump is the change of the colour just outside the edge if the edge's triangle covered this
-    point too, times the signed length of edge that the crossing stands for
-    (`_signed_edge_length`). It is 0 where a crossing does not count (`_layered_jump`).
+    The jump is a change of colour, times the signed length of edge that the crossing stands for
+    (`_signed_edge_length`). The change is that of the colour at the sample outside, if the edge's
+    triangle covered this sample too (`EdgeGain`). The jump is 0 where a crossing does not count
+    (`_layered_jump`).
 
     - `masks`: the layer masks of `samples.passed`: the triangles that are layers of each sample.
     - `colors`: colours of the entries of `samples.lists`.

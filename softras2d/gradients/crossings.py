@@ -1,9 +1,9 @@
 """Crossings: where the edge of a triangle passes between two neighbouring samples.
 
-On each line of samples that an edge crosses (`runs`), the edge passes between two samples, of which
-one is inside the edge, on the side of its triangle, and one is outside. Which two samples these are
-is decided by the same integers that decide coverage: a sample exactly on the edge is inside or
-outside as the fill rule says.
+On each line of samples that an edge crosses (`runs`), the edge passes between two samples. One of
+them is inside the edge, on the side of its triangle, and the other is outside. Which two samples
+these are is decided by the same integers that decide coverage: a sample exactly on the edge is
+inside or outside as the fill rule says.
 """
 
 import functools
@@ -19,16 +19,20 @@ from .runs import LINES, CrossedEdges, Run, Runs, gather_runs
 
 
 class Sample(NamedTuple):
-    """Samples as column and row on the canvas, each from 0; both arrays have the same shape."""
+    """Samples, given by their column and row in the sample grid of the canvas, counted from 0.
+
+    Both arrays have the same shape.
+    """
 
     column: Int[Array, "lines runs"]
     row: Int[Array, "lines runs"]
 
 
 class Crossings(NamedTuple):
-    """The crossings of a list of runs (`Runs`).
+    """The points where edges cross lines of samples, for a list of runs (`Runs`).
 
-    Arrays `[lines, runs]` have one entry for each line of each run.
+    A line is a row or a column of samples, and a run is a few successive lines that one edge
+    crosses. Arrays `[lines, runs]` have one entry for each line of each run.
 
     - `edge`: the edge of each run, as 3 triangle + side. Side k runs from corner k to the next.
     - `valid`: whether there is a crossing on the canvas. Where there is none, the samples, `gap`
@@ -72,10 +76,10 @@ class _Lines(NamedTuple):
 
 
 def find_crossings(crossed_edges: CrossedEdges, runs: Runs, tiling: Tiling) -> Crossings:
-    """Find the crossings of the runs listed in `runs`, which may be part of the list of all runs.
+    """Find where the edge of each run crosses the lines of the run (`Crossings`).
 
-    `crossed_edges` describes all edges. The result has the samples beside each crossing, its
-    position and its pixel.
+    `crossed_edges` describes all edges, and `runs` may be part of the list of all runs. The result
+    has the samples beside each crossing, its position and its pixel.
     """
     grid = tiling.grid
     run = gather_runs(crossed_edges, runs, tiling=tiling)
@@ -94,7 +98,11 @@ def find_crossings(crossed_edges: CrossedEdges, runs: Runs, tiling: Tiling) -> C
 def find_samples_inside(
     crossed_edges: CrossedEdges, runs: Runs, tiling: Tiling
 ) -> tuple[Sample, Bool[Array, "lines runs"]]:
-    """Compute `inside` and `valid` of `find_crossings` alone, from the same arguments."""
+    """Find the sample inside the edge at each crossing, and whether the crossing is valid.
+
+    These are the fields `inside` and `valid` of the result of `find_crossings`, which has the same
+    arguments.
+    """
     run = gather_runs(crossed_edges, runs, tiling=tiling)
     lines = _cross_lines(run, tiling.grid)
     return _sample_beside(run, lines, jnp.asarray(True), tiling.grid), lines.valid
@@ -141,10 +149,11 @@ def _cross_lines(run: Run, grid: Grid) -> _Lines:
 def _intersect(
     run: Run, grid: Grid
 ) -> tuple[Int[Array, "lines runs"], Float[Array, "lines runs"], Bool[Array, "lines runs"]]:
-    """Find the last sample before each crossing; for crossings off the canvas it has no meaning.
+    """Find the last sample before each crossing, in the order of increasing x or y on its line.
 
-    Returns the number of the sample on its line, the position of the crossing along the edge, 0..1,
-    and whether the crossing, as computed in floats, is on the canvas and on a line of the run.
+    Returns three arrays: the number of this sample on the line, which has no meaning for crossings
+    off the canvas; the position of the crossing along the edge, from 0 at its start to 1 at its
+    end; and whether the crossing, as computed in floats, is on the canvas and on a line of the run.
     """
     by_line = run.by_line()
     number = jnp.arange(LINES, dtype=jnp.int32)[:, None]
@@ -152,7 +161,8 @@ def _intersect(
     size = jnp.where(by_line.steep, grid.width, grid.height) * grid.rate
     dtype = run.across_start.dtype
     extent = jnp.where(by_line.across_extent != 0, by_line.across_extent, 1.0)
-    # Both are multiples of small fractions of a pixel: the difference keeps all digits.
+    # `half_across` and `across_start` are multiples of small fractions of a pixel: their difference
+    # keeps all digits.
     half_across = (line.astype(dtype) + 0.5) / (2 * grid.rate)
     t = jnp.clip((half_across - by_line.across_start) / extent, 0.0, 1.0)
     along = 2 * (by_line.along_start + t * by_line.along_extent)
@@ -183,7 +193,10 @@ def _on_canvas(
     is_on_canvas: Bool[Array, "lines runs"],
     grid: Grid,
 ) -> _Lines:
-    """Select the crossings that are on the canvas; the other arguments are from `_intersect`."""
+    """Make the `_Lines` of all runs, in which the crossings that are on the canvas are valid.
+
+    `before`, `t` and `is_on_canvas` are as returned by `_intersect`.
+    """
     steep, first_line = run.steep[None], run.first_line[None]
     size = jnp.where(steep, grid.width, grid.height) * grid.rate
     valid = is_on_canvas & (before >= -1) & (before < size)

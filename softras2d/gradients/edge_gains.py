@@ -13,6 +13,8 @@ visited again in `layers_inside`, and so are all crossings whose samples lie in 
 Layers that cover both samples have the transmittance and the depth of the sample outside, whether
 or not the samples lie in one tile.
 
+Layers that are too dim to change the gain noticeably are not visited (`surroundings.still_matter`).
+
 At the border of the canvas, both samples of a crossing may be the same sample. If the edge's
 triangle covers it, a triangle that is drawn later but lies deeper fails the depth test there, so it
 is not a layer of the sample. It would be visible without the edge's triangle; this file omits it.
@@ -75,7 +77,7 @@ class EdgeLayer(NamedTuple):
 
 
 class EdgeGain(NamedTuple):
-    """The colour that the edge's triangle would add at the sample outside, for each crossing.
+    """The colour that the triangle of an edge would add at the sample just outside the edge.
 
     - `gain`: change of the premultiplied colour of the sample outside if the edge's triangle
       covered it too, dimmed by the smaller of the transmittances in front at the two samples. It is
@@ -109,7 +111,7 @@ class _Group(NamedTuple):
 
 
 class _SampleFlags(NamedTuple):
-    """Facts about each crossing, from the masks of all planes that were visited.
+    """Facts about the layers at each crossing, from the masks of the planes visited so far.
 
     - `is_inside_alone`: whether a layer drawn after the edge's triangle covers the sample inside
       alone.
@@ -134,8 +136,8 @@ def edge_gains(
     """Compute the colour that each edge's triangle would add at the sample outside (`EdgeGain`).
 
     `masks` are the layer masks of `samples.passed`, and `colors` are the colours of the entries of
-    `samples.lists`. Not differentiable in reverse mode, because the numbers of steps depend on
-    values. The gain has no meaning where there is no valid crossing.
+    `samples.lists`. Not differentiable in reverse mode: how many steps its loops take depends on
+    values. The gain has no meaning where no crossing is valid.
     """
     shape = crossings.valid.shape
     whole = _locate(masks, crossings, edge_layer, cotangent, tiling)

@@ -98,7 +98,10 @@ def add_to_speeds(
 
 
 def _speed_cotangents(jumps: Jumps) -> tuple[Float[Array, " runs"], Float[Array, " runs"]]:
-    """Compute the cotangents of the speeds at the start and at the end of each run's edge."""
+    """Compute the cotangents of the speeds at the start and at the end of each run's edge.
+
+    They are summed over the crossings of the run.
+    """
     (by_pixel,) = jumps.jump
     return jnp.sum(by_pixel * (1.0 - jumps.t), 0), jnp.sum(by_pixel * jumps.t, 0)
 

@@ -1,9 +1,9 @@
 """Drop the runs of crossings that are hidden in an opaque scene, before they cost much.
 
 In most triangle soups most edges are hidden, and finding the visible triangles at each crossing is
-costly. So the edge's triangle of each run (`runs.Runs`) is first compared with some rows of
-samples: those that contain a sample inside the edge at a crossing of the run, each row cut to one
-tile. The run is dropped if everything that is visible in these rows is nearer than its triangle.
+costly. So a cheaper test is done first, for each run (`runs.Runs`). At each crossing of the run, it
+takes the sample inside the edge, and the row of samples that contains it, cut to one tile. The run
+is dropped if everything that is visible in these rows is nearer than the edge's triangle.
 """
 
 import functools
@@ -90,9 +90,9 @@ def may_be_visible(
     row of samples, within one tile, that contains the sample inside.
 
     - `nearest`: least distance of the triangle of each run's edge (`DistanceRange`).
-    - `inside`: the sample inside, at each crossing. It suffices: where an edge is visible, this
-      sample shows the edge's triangle or, if that is too thin to cover a sample, something behind
-      it.
+    - `inside`: the sample inside, at each crossing. Testing this sample is enough: where an edge is
+      visible, the sample shows the edge's triangle or, if that is too thin to cover a sample,
+      something behind it.
     - `farthest_in_row`: as returned by `farthest_visible_distance`.
     """
     tile, word_index, _ = address(inside, tiling)

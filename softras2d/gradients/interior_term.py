@@ -82,11 +82,12 @@ def attach_interior_term(
 ) -> CornerAttributes:
     """Return `corners` unchanged, with the interior term as derivative with respect to `positions`.
 
-    So colours and texture coordinates that are interpolated from the result change as the triangles
-    move. Flat colours, which have one corner, do not. All inputs are constants in second
-    derivatives of the term.
+    The interior term makes colours and texture coordinates that are interpolated from the result
+    change at fixed points of the screen as the triangles move (see the top of this file). Flat
+    colours, which have one corner, do not change. Second derivatives take all inputs of the
+    interior term as constants.
 
-    - `positions`: in pixels.
+    - `positions`: positions of the vertices, in pixels.
     - `vertex`: vertex index of each corner, in the order of `corners`.
     - `gradients`: as returned by `weight_gradients`.
     """

@@ -36,10 +36,11 @@ from .interior_term import weight_gradients
 from .sample_pairs import CANDIDATES, PairSearch, SamplePairs, count_candidates
 
 Total = TypeVar("Total")
-"""The array to which a fold over all exchanges adds."""
+"""The array to which a loop over all exchanges (`_Exchange`) adds."""
 
 _WORDS = 2**16
-"""Number of words of candidates that are searched together: two for each coverage word."""
+"""Number of words of candidates (`PairSearch.candidates`) that are searched together: two for each
+coverage word of a slot."""
 
 _PAIRS = 512
 """Number of pairs of samples that are processed together."""
@@ -51,10 +52,10 @@ is noise, not a line."""
 
 
 class _DepthPlanes(NamedTuple):
-    """What the depth of each triangle, an affine function on the screen, is computed from.
+    """Data of each triangle's depth, which is an affine function on the screen.
 
     - `area`: twice the area of each triangle, in units of the edge value
-      (`barycentric.twice_area`).
+      (`barycentric.twice_area`), from which the weights of its corners are computed.
     - `slope`: derivatives of the depth by x and y, per pixel.
     """
 
@@ -176,9 +177,10 @@ def _for_each_exchange(
     add: Callable[[Total, _Exchange], Total],
     total: Total,
 ) -> Total:
-    """Compute `total = add(total, exchange)` for all exchanges of the image; return the last total.
+    """Apply `total = add(total, exchange)` to all exchanges of depth order in the image.
 
-    Each call gets an `_Exchange` of `_PAIRS` lanes.
+    Each call of `add` gets an `_Exchange` of `_PAIRS` lanes, of which some may be unused. Returns
+    the last total.
     """
     slots = max(_WORDS // (2 * tiling.sample_rows), 1)
     planes = _depth_planes(depths, tiling)

@@ -1,11 +1,12 @@
 """Layer masks: for each sample of a translucent scene, which entries of its tile's list cover it.
 
-The bits of a coverage word (`coverage.sampled`) are samples, for one triangle. Transposed, the bits
-of a layer mask are triangles, for one sample: the entries of the tile's list, the one drawn last
-first. A bit is set if the triangle is a layer of the sample: if it covers the sample and passes the
-depth test there. Of the layers of a sample, the one drawn last is nearest, so a loop over the set
-bits of a mask visits the layers of its sample alone, from the front. A mask has 32 bits, so masks
-are stored in planes: plane p has the masks for entries 32 p to 32 p + 31 of every list.
+A coverage word (`coverage.sampled`) belongs to one triangle, and its bits stand for samples. A
+layer mask is the transpose: it belongs to one sample, and its bits stand for triangles. These are
+the entries of the tile's list, which begins with the triangle drawn last. A bit is set if the
+triangle is a layer of the sample: if it covers the sample and passes the depth test there. Of the
+layers of a sample, the one drawn last is nearest. So a loop over the set bits of a mask, from the
+lowest, visits the layers of its sample from the front, and no other triangles. A mask has 32 bits,
+so masks are stored in planes: plane p has the masks for entries 32 p to 32 p + 31 of every list.
 """
 
 import functools
@@ -32,10 +33,11 @@ _TILES = 64
 
 
 class LayerMasks(NamedTuple):
-    """Layer masks of every sample, in planes of 32 entries of the tile lists.
+    """Layer masks: for every sample, bits that say which entries of its tile's list are its layers.
 
-    Bit b of a mask in plane p says whether entry 32 p + b of its tile's list is a layer of the
-    sample.
+    A layer of a sample is a triangle that covers the sample and passes the depth test there. Masks
+    are stored in planes of 32 list entries: bit b of a mask in plane p says whether entry 32 p + b
+    of the tile's list is a layer of the sample.
 
     - `masks`: `masks[p, t, c, r]` is the mask, in plane p, of the sample in column c and row r of
       tile t. Rows are numbered in the order of the coverage words (`visible_front.address`). Planes

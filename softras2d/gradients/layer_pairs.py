@@ -40,11 +40,11 @@ from .visible_front import address
 
 
 class LayerPairs(PairSearch):
-    """The search for pairs of samples in a translucent scene; see `PairSearch` for the interface.
+    """Search for pairs of samples between which triangles interpenetrate, in translucent scenes.
 
-    A slot is an entry of the tile lists. Of the two triangles of a pair, the one that is drawn
-    later appears or disappears between the samples. `masks` are the layer masks of
-    `samples.passed`.
+    `PairSearch` is the interface. A slot is an entry of the tile lists. Of the two triangles of a
+    pair, the one that is drawn later appears or disappears between the samples. `masks` are the
+    layer masks of `samples.passed`.
     """
 
     samples: LayeredSamples
@@ -57,7 +57,7 @@ class LayerPairs(PairSearch):
         return self.samples.lists.triangle.shape[0]
 
     def candidates(self, slot: Int[Array, " slots"]) -> UInt32[Array, "2 slots rows"]:
-        """Mark the pairs of samples that a slot's triangle covers, passing at only one of them.
+        """Mark the pairs of samples that a slot's triangle covers, passing at just one of the two.
 
         "Passes" means passing the depth test. The layout is as in `PairSearch.candidates`.
         """
@@ -82,7 +82,7 @@ class LayerPairs(PairSearch):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Keep the candidates of which the hiding triangle covers both samples too.
+        """Keep the candidates whose hiding triangle covers both samples too.
 
         At one of the samples the slot's triangle fails the depth test. The hiding triangle is, of
         the triangles that pass there and were drawn before it, the one drawn last. Arguments and
@@ -243,10 +243,12 @@ def _choose(condition: Bool[Array, " lanes"], first: Sample, second: Sample) -> 
 def _first_behind(
     masks: LayerMasks, where: SampleAddress, position: Int[Array, " lanes"]
 ) -> Int[Array, " lanes"]:
-    """Triangle of the first layer of each sample at or after a position of its list, -1 for none.
+    """Find the first layer of each sample from a position in its tile's list on; -1 for none.
+
+    Returns the index of the layer's triangle.
 
     - `where`: address of the sample's layer masks.
-    - `position`: counts the entries of the list of the sample's tile from 0.
+    - `position`: number of the first list entry that counts, from 0.
     """
 
     def visit_plane(plane: Int[Array, ""], layer: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
@@ -262,9 +264,9 @@ def _keep_covering(
 ) -> tuple[SamplePairs, Int[Array, ""]]:
     """Keep the candidates whose `hider` covers both samples, and make pairs of them.
 
-    `hider` is the triangle that hides `changes.triangle` at one of the samples, -1 for none. So
-    only the sample where `changes.triangle` passes the depth test has to be tested. Returns the
-    pairs and their number, as `keep_pairs` does.
+    `hider` is the triangle that hides `changes.triangle` at one of the samples, -1 for none. It
+    covers that sample, so only the other sample has to be tested. Returns the pairs and their
+    number, as `keep_pairs` does.
     """
     candidates, passes_first = changes.candidates, changes.passes_first
     shown = _choose(passes_first, candidates.first, candidates.second)
@@ -357,6 +359,9 @@ def _add_layer(
 def _over_behind(
     layers: _Layers, background: Float[Array, " channels"]
 ) -> Float[Array, "channels lanes"]:
-    """Compute each sample's colour with the triangle of `_Layers` minus its colour without it."""
+    """Compute each sample's colour with all `layers`, minus its colour without the triangle.
+
+    The triangle is the one at which the layers are split (`_Layers`).
+    """
     under = layers.behind + layers.behind_transmittance[None] * background[:, None]
     return layers.in_front[None] * (layers.color - layers.alpha[None] * under)

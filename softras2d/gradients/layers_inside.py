@@ -1,4 +1,4 @@
-"""The layers in front of a translucent edge, at samples inside where `edge_gains` misses some.
+"""Visit the layers in front of a translucent edge that `edge_gains` misses at samples inside it.
 
 When `edge_gains` visits the layers of the sample outside an edge, it compares the masks of the
 samples inside and outside, and so finds the layers that cover both. It misses the layers in front
@@ -39,9 +39,9 @@ from .surroundings import is_noticeable
 
 
 class InsideLanes(NamedTuple):
-    """The crossings of edges to be visited, one per lane, with what a visit needs.
+    """Crossings of edges, one per lane, and what a visit to the layers at a crossing needs.
 
-    - `inside`, `outside`: where the layers of the samples inside and outside are.
+    - `inside`, `outside`: where to read the layers of the samples inside and outside.
     - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
     - `triangle`: the edge's triangle.
     - `depth_inside`, `depth_outside`: depth of this triangle, as in `edge_gains.EdgeLayer`; None
@@ -80,9 +80,10 @@ def visit_inside(
     covers: Bool[Array, " crossings"],
     tiling: Tiling,
 ) -> InsideState:
-    """Visit the layers of the samples inside that `edge_gains` has missed, at selected crossings.
+    """Compute `InsideState`, by visiting layers that `edge_gains` has missed at selected crossings.
 
-    Crossings that are not selected get an `in_front` of 1 and keep their `covers`.
+    These are layers of the samples inside. Crossings that are not selected get an `in_front` of 1
+    and keep their `covers`.
 
     - `lanes`: all crossings, selected or not.
     - `covers`: initial value of `InsideState.covers`; visits can only change it to true.

@@ -20,10 +20,10 @@ from .visible_front import address, slot_at
 
 
 class OpaquePairs(PairSearch):
-    """The search for pairs of samples in an opaque scene; see `PairSearch` for the interface.
+    """Search for pairs of samples between which triangles may interpenetrate, in opaque scenes.
 
-    A slot is a slot of `samples.front.chunks`. `max_chunks` is an upper bound on the number of
-    chunks of a tile, a power of two.
+    `PairSearch` is the interface. The slots are those of `samples.front.chunks`. `max_chunks` is an
+    upper bound on the number of chunks of a tile, a power of two.
     """
 
     samples: OpaqueSamples

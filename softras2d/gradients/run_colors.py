@@ -21,7 +21,7 @@ from ..shading.surface import Surface, gather_lanes
 from .run_tiles import RunTiles
 
 SampleWeights = tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]
-"""Weights of corners 1 and 2 at samples."""
+"""Barycentric weights of corners 1 and 2 of a triangle, at each sample of each run."""
 
 
 def pack_colors(surface: Surface, lists: TileLists, tiling: Tiling) -> Rows:

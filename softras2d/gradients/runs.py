@@ -30,7 +30,10 @@ so the samples outside the edge of a run lie in one tile or in two."""
 
 
 class Sides(NamedTuple):
-    """The ends of edge k of each triangle, from corner k to the next, in positive orientation.
+    """The start and the end of the three edges of each triangle.
+
+    Corners 1 and 2 are exchanged in triangles whose area is negative, which makes it positive.
+    Edge k runs from corner k to the next.
 
     - `start`, `end`: x and y of the ends of each edge, in pixels.
     - `steep`: whether the edge is intersected with rows of samples; else with columns.
@@ -82,9 +85,9 @@ def lines_crossed(grid_triangles: GridTriangles, grid: Grid) -> tuple[Any, Any]:
     Returns two integer arrays `[3, triangles]`. Lines are rows of samples for steep edges, columns
     for others, counted from 0. A line through the upper or left end of an edge is not counted, one
     through the other end is. The number is 0, and the first line has no meaning, for edges that
-    cross no line, and for edges without a boundary term: those of triangles without area, and those
-    whose line does not decide which samples are inside (`GridTriangles.fixed_sign` is not 0). Works
-    for NumPy and JAX alike.
+    cross no line, and for edges without a boundary term. These are the edges of triangles without
+    area, and the edges that do not decide which samples are inside (those whose
+    `GridTriangles.fixed_sign` is not 0). Works for NumPy and JAX alike.
     """
     xp = grid_triangles.x.__array_namespace__()
     steep = is_steep(grid_triangles)

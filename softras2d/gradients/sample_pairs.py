@@ -26,7 +26,7 @@ from ..numerics.prefix import cumulative_sum
 from .crossings import Sample
 
 CANDIDATES = 4096
-"""Number of candidates in a group, which is the number of lanes."""
+"""Number of candidates in a group. A group is processed at once, with one candidate per lane."""
 
 
 class SamplePairs(NamedTuple):
@@ -94,7 +94,7 @@ class PairSearch(eqx.Module):
         slot: Int[Array, " slots"],
         group: Int[Array, ""],
     ) -> tuple[SamplePairs, Int[Array, ""]]:
-        """Keep the candidates of a group of which both triangles may cover both samples.
+        """Keep those candidates of a group for which two triangles may cover both samples.
 
         One triangle is the slot's. The other lies in front at the sample where the slot's triangle
         is not visible. Returns the pairs, which fill the first lanes, and their number.

@@ -62,25 +62,29 @@ def no_layers(
 
 
 def still_matter(state: Surroundings) -> Bool[Array, "lines runs"]:
-    """Whether further layers in front of the edge's triangle could change its gain noticeably.
+    """Whether further layers in front of the edge's triangle could noticeably change its gain.
 
-    They cannot once the transmittance in front is below the square of the float type's epsilon,
-    1e-14 in float32: what the triangle adds there is lost even among the roundings of a rounding.
+    They could unless the layers visited so far hide the triangle already (`is_noticeable`). `state`
+    has what these layers add up to.
     """
     return is_noticeable(jnp.minimum(state.in_front_outside, state.in_front_inside))
 
 
 def still_matter_behind(state: Surroundings) -> Bool[Array, "lines runs"]:
-    """Whether further layers behind the edge's triangle could change its gain noticeably.
+    """Whether further layers behind the edge's triangle could noticeably change its gain.
 
-    The transmittance of the triangle itself does not count.
+    They could unless the layers in front, and those visited behind, hide them (`is_noticeable`).
     """
     in_front = jnp.minimum(state.in_front_outside, state.in_front_inside)
     return is_noticeable(in_front * state.behind.transmittance)
 
 
 def is_noticeable(transmittance: Float[Array, "*samples"]) -> Bool[Array, "*samples"]:
-    """Whether light of this transmittance is not lost among roundings of the full light."""
+    """Whether a layer behind this transmittance is noticed: whether it is eps^2 or more.
+
+    With eps, the distance from 1 to the next larger float, eps^2 is 1.4e-14 in float32. The image
+    itself is rounded to about eps.
+    """
     return transmittance >= float(jnp.finfo(transmittance.dtype).eps) ** 2
 
 

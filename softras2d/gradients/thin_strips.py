@@ -25,8 +25,8 @@ from .sample_colors import OpaqueSamples
 from .visible_front import address
 
 _OUTSIDE = 1.0 / 64
-"""Distance, in samples, from an edge to the point outside it that is tested, along the line.
-Thinner strips are ignored."""
+"""Distance, in samples along the line of a crossing, from the edge to the point just outside it at
+which triangles are tested. Thinner strips are ignored."""
 
 
 def ends_before_edge(
