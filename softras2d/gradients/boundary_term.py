@@ -241,7 +241,7 @@ def _for_all_crossings(
     add: Callable[[Total, Crossings, JumpsAt], Total],
     total: Total,
 ) -> Total:
-    """Apply `total = add(total, crossings, jumps_at)` to the crossings of all edges, block by block.
+    """Apply `total = add(total, crossings, jumps_at)` to all crossings, one block after another.
 
     A block has the crossings of at most `_BLOCK` runs (`runs.Runs`). `jumps_at` is a function that
     computes the jumps of colour there. In an opaque scene, most runs that nearer triangles hide are
