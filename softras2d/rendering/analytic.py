@@ -48,7 +48,7 @@ class PixelFunctions(NamedTuple):
     A slot is a triangle in the list of a tile.
 
     - `coverage`: the fraction of a pixel that the triangle covers, 0..1.
-    - `weights`: the barycentric weights of corners 1 and 2 in the pixel, on the screen.
+    - `weights`: the barycentric weights, on the screen, of corners 1 and 2 where a pixel is shaded.
     """
 
     coverage: AnalyticCoverage
@@ -145,13 +145,13 @@ class AnalyticMode(CoverageMode):
     ) -> Float[Array, "4 tiles pixels"]:
         """Composite the slots of each tile to premultiplied RGBA, without the background.
 
+        - `coverage`: the option, such as `Soft(...)`.
         - `shaded`: opacity, colour and depth of each slot at the pixels of its tile.
         - `triangles`: all triangles of the scene, for their areas and orientations.
-        - `chunks`: the slots of each tile, nearest first.
-        - `max_chunks`: upper bound on the number of chunks of a tile.
+        - `chunks`: the slots of a tile, last in draw order first, in at most `max_chunks` chunks.
 
         Depth is ignored here: a mode that draws scenes with depth overrides this method, and any
-        other mode names "depth test" in `missing`.
+        other mode names "depth test" in `CoverageMode.missing`.
         """
         opacity, color, _ = shaded
         if isinstance(color, CornerColors):
@@ -169,8 +169,8 @@ class AnalyticMode(CoverageMode):
 
         The side of the tiles is `tile_side`, in pixels, or by default the side of least work for
         the drawings (`tile_side.choose_side`). If `growth.is_worst_case`, positions are unknown,
-        and the default is `WORST_CASE_SIDE`. Lists of steps, fragments and runs are never needed.
-        Other arguments are as in `CoverageMode.list_needs`.
+        and the default is `WORST_CASE_SIDE`. The lists `steps`, `fragments` and `runs` of
+        `Capacity` are never needed. Other arguments are as in `CoverageMode.list_needs`.
         """
         coverage, grid = drawings[0].coverage, drawings[0].grid
         is_varying = any(varies(drawing.scene) for drawing in drawings)
@@ -281,7 +281,7 @@ class AnalyticMode(CoverageMode):
 
 
 def _host_corners(drawing: Drawing) -> np.ndarray:
-    """Corners `[triangles, 3, 2]`, in pixels from the canvas's upper left; NaN for padding."""
+    """Corners `[triangles, 3, 2]` in pixels of the canvas; NaN for triangles added by `pad`."""
     positions, triangles, origin = (
         np.asarray(array)
         for array in (drawing.scene.positions, drawing.scene.triangles, drawing.origin)
@@ -363,7 +363,7 @@ def add_signed(
     """Add the triangles of each pixel with the signs of their areas, to premultiplied RGBA.
 
     A triangle is added, or subtracted if the sign of its area differs from the sign of the sum of
-    the signed areas of all triangles. A triangle, or a sum, of 0 counts as positive.
+    the signed areas of all triangles. An area of 0 counts as positive, and so does a sum of 0.
 
     - `opacity`: covered area of the pixel times alpha, for each slot: a triangle in a tile.
     - `colors`: straight RGB of each slot.

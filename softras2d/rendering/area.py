@@ -27,9 +27,9 @@ class AreaMode(AnalyticMode):
     }
 
     def reach(self, coverage: Area, max_width: float | None) -> float:
-        """Half the diagonal of a pixel, in pixels, whatever the arguments are.
+        """Return half the diagonal of a pixel, in pixels, whatever the arguments are.
 
-        A triangle that is farther from the centre of a pixel does not touch the pixel.
+        A triangle that is farther than this from the centre of a pixel does not touch the pixel.
         """
         return REACH
 
@@ -41,7 +41,10 @@ class AreaMode(AnalyticMode):
         return PixelFunctions(AreaCoverage(tile_side), CentroidWeights(tile_side))
 
     def parameter(self, coverage: Area, dtype: Any) -> Array:
-        """Zero, which nothing reads: exact area has no parameter."""
+        """Return the scalar 0 in place of a parameter (`AnalyticMode.parameter`).
+
+        Exact area depends on nothing but the corners, so no function reads the value.
+        """
         return jnp.zeros((), dtype)
 
     def is_sum(self, coverage: Area) -> bool:
@@ -56,10 +59,10 @@ class AreaMode(AnalyticMode):
         lines: TriangleLines,
         tile_side: int,
     ) -> SlotGeometry:
-        """Clip the edges to the rows of the tile, for the functions of coverage and of weights.
+        """Clip the edges of each slot's triangle to the rows of its tile (`clip_outline`).
 
-        The function of the weights takes the edge lines too. Arguments are as in
-        `AnalyticMode.slot_geometry`.
+        The clipped edges are the geometry of the coverage function; together with `lines` they are
+        the geometry of the function of weights. Arguments are as in `AnalyticMode.slot_geometry`.
         """
         clip = functools.partial(clip_outline, side=tile_side, signed=self.is_sum(coverage))
         outline = materialized(clip)(corners, tile, lines)

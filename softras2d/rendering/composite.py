@@ -31,12 +31,12 @@ def composite(
     `render` does not composite in draw order. Under `Hard`, the largest value of `visible.overdraw`
     is enough layers.
 
-    The gradient then equals the gradient of `render` too. Under `Hard` the gradient with respect to
-    `scene.positions` and `scene.depth` has a boundary term, from the given colours on both sides of
-    each edge, unless the plan is for `Hard(edge_gradients=False)`. If `values` is a function, it is
-    also evaluated at points that are no samples, as for `resolve`. An array has no colours there,
-    so triangles that lie between two samples have no boundary term. In a scene without triangles a
-    function is not called, and the image is the background.
+    If the image is the one of `render`, so is its gradient. Under `Hard` the gradient with
+    respect to `scene.positions` and `scene.depth` has a boundary term, from the given colours on
+    both sides of each edge, unless the plan is for `Hard(edge_gradients=False)`. If `values` is a
+    function, it is also evaluated at points that are no samples, as for `resolve`. An array has no
+    colours there, so triangles that lie between two samples have no boundary term. In a scene
+    without triangles a function is not called, and the image is the background.
 
     Raises `ValueError` for `values` or a `background` of another shape, and for the buffers of a
     batch. It raises an error as `rasterize` does if the list of a tile, with hidden triangles, is

@@ -49,6 +49,7 @@ def weights_at(
     - `surface`: the surface of a scene that `with_unit_corners` returned. If that scene has
       `inverse_w`, the weights are perspective-correct.
     - `triangle`: the triangle at each sample, which need not cover the sample.
+    - `sample`: column and row of each sample on the canvas, in arrays of the shape of `triangle`.
 
     The first axis of the result has the weights of corners 0, 1 and 2, in the order of
     `scene.triangles`.
@@ -68,6 +69,7 @@ def buffer_weights(
     - `projected`: made from a scene that `with_unit_corners` returned. If that scene has
       `inverse_w`, the weights are perspective-correct.
     - `triangle`: a triangle that covers each sample, visible or not, or -1.
+    - `sample`: column and row of each sample on the canvas, in arrays of the shape of `triangle`.
 
     The first axis of the result has the weights of corners 0, 1 and 2, in the order of
     `scene.triangles`.

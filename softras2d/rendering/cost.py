@@ -1,4 +1,4 @@
-"""Cost of each effect of a scene: the program that draws it, compared with one without the effect.
+"""Cost of each effect of a scene, from renders of the scene with the effect and without it.
 
 Time is measured. Memory, operations and traffic are estimates that the compiler reports.
 """
@@ -57,9 +57,10 @@ def price_effects(
 def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; return the simpler scene and a plan for it.
 
-    `effect` is a name in `effects.EFFECTS`. Canvas, origin and grid of the plan are the same;
-    coverage and filter too, unless they are the effect. The simpler scene has a different image: it
-    is for comparing costs only. Raises `ValueError` if there is no effect of this name.
+    `effect` is a name in `effects.EFFECTS`. The new plan has the canvas, origin and grid of `plan`.
+    It has the coverage and the filter of `plan` too, except for what makes up the effect. The
+    simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
+    there is no effect of this name.
     """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")

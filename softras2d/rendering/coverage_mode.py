@@ -8,8 +8,8 @@ and into `FACE` of `tests/test_public_face.py`. For the command line and the vie
 `names.CoverageKind`, and search for `"soft"` in `cli` and `viewing`.
 
 A mode whose coverage is a smooth function of the corners derives from `analytic.AnalyticMode`. It
-needs an `AnalyticCoverage` (`coverage.analytic`), which lies in `coverage`. For coverage by
-distance, take the geometry from `SoftMode.slot_geometry`, the weights from `NearestWeights`, and
+needs a subclass of `AnalyticCoverage` (`coverage.analytic`), in a file of `coverage`. For coverage
+by distance, take the geometry from `SoftMode.slot_geometry`, the weights from `NearestWeights`, and
 the nearest point from `coverage.soft.nearest_point`.
 
 The class attribute `effects` of a mode names the rows of `effects.EFFECTS` that a plan may report
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
 
 
 class Listing(NamedTuple):
-    """How the triangles of some scenes are put into lists, from which `layout` chooses capacities.
+    """How triangles are put into tile lists, and how `layout` chooses the capacities of the lists.
 
     - `tiling`: tiles of the canvas.
     - `headroom`: rule by which capacities follow from the list lengths that scenes need.
@@ -135,7 +135,10 @@ class CoverageMode(abc.ABC):
         return 0
 
     def refuse_missing(self, drawings: Sequence[Drawing]) -> None:
-        """Raise `ValueError` if a drawing has an effect of `missing`, whose message it then has."""
+        """Raise `ValueError` if a drawing has an effect that `missing` names.
+
+        The error has the message that `missing` gives for the effect.
+        """
         for name, advice in self.missing.items():
             if any(map(EFFECTS[name].is_present, drawings)):
                 raise ValueError(advice)
@@ -153,7 +156,7 @@ class CoverageMode(abc.ABC):
         - `drawings`: one or more. Their scenes have concrete arrays, or only array shapes if
           `growth.is_worst_case`.
         - `max_width`: largest `Soft.width` to allow for, in pixels; None for the option's width.
-        - `growth`: how far later scenes may exceed these. The lists are counted without it.
+        - `growth`: how far later scenes may exceed these. `Listing.count` does not include it.
         - `tile_side`: pixels along a side of a tile under analytic coverage; by default the side of
           least work. Ignored under sampled coverage.
         """

@@ -47,8 +47,9 @@ def pixel_layers(scene: Scene, plan: Plan, *, layers: SupportsIndex) -> PixelLay
 
 @eqx.filter_jit
 def _find_pixel_layers(scene: Scene, plan: Plan, layers: int) -> tuple[PixelLayers, Needs]:
-    """Find the layers, and the length of each list that the scene needed, in one program.
+    """Find the topmost triangles of each pixel, and the length of each list that the scene needed.
 
-    Arguments are as in `pixel_layers`; the scene must have a triangle. Overflow is not checked.
+    One compiled program does both. Arguments are as in `pixel_layers`; the scene must have a
+    triangle. Overflow is not checked.
     """
     return pixel_layers_mode_of(plan.coverage).find_layers(scene, plan, layers)

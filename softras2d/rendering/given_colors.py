@@ -33,8 +33,8 @@ class ShadedColors(SampleColors):
     """Colours that a caller's function computes from triangle indices and barycentric weights.
 
     The function may close over traced values, which a rule of differentiation must not. So the
-    function is traced once, and the values that it closes over are kept as arrays. They get no
-    derivative from here.
+    function is traced once, and the values that it closes over are kept as arrays. The boundary
+    term gives these values no derivative.
 
     - `background`: value where no triangle shows.
     - `surface`: data of a scene made by `corner_weights.with_unit_corners`.
@@ -64,9 +64,9 @@ class ShadedColors(SampleColors):
     def at(
         self, triangle: Int[Array, "lines runs"], sample: Sample, tiling: Tiling
     ) -> Float[Array, "channels lines runs"]:
-        """Value of a given triangle at each sample, visible there or not.
+        """Value of the function at each sample, for a triangle that need not be visible there.
 
-        It is the background where `triangle` is -1.
+        It is the background where `triangle` is -1. `sample` has columns and rows on the canvas.
         """
         weights = weights_at(self.surface, triangle, sample, tiling)
         values = self._shade(jnp.maximum(triangle, 0), weights)
@@ -84,7 +84,7 @@ class ShadedColors(SampleColors):
     def _shade(
         self, triangle: Int[Array, "lines runs"], weights: Float[Array, "3 lines runs"]
     ) -> Float[Array, "channels lines runs"]:
-        """Evaluate the function for each triangle with its barycentric weights."""
+        """Evaluate the caller's function for each triangle with its barycentric weights."""
         function = jaxpr_as_fun(ClosedJaxpr(self.program, self.constants))
 
         def shade_one(triangle: Array, weights: Array) -> Array:
@@ -98,10 +98,10 @@ class ArrayColors(SampleColors):
     """Colours that a caller gives as an array with one value for each sample.
 
     The value of a triangle is known only at samples where the triangle shows. A crossing, a point
-    where an edge passes between two samples, counts as invisible if one of these two samples does
-    not show what lies on its side of the edge. This is so for triangles that lie between the two
-    samples, for strips of a triangle that show between two others but at neither sample, and for
-    edges between the border of the canvas and the sample next to it.
+    where an edge passes between two samples, adds nothing to the boundary term if one of these two
+    samples does not show what lies on its side of the edge. This is so for triangles that lie
+    between the two samples, for strips of a triangle that show between two others but at neither
+    sample, and for edges between the border of the canvas and the sample next to the border.
 
     - `background`: value where no triangle shows.
     - `values`: one value for each sample, in the order of `sample_grid.buffer_index`: pixel by

@@ -18,11 +18,12 @@ from .coverage_mode import Growth, Layout, Listing
 def choose_layout(drawings: Sequence[Drawing], listing: Listing, growth: Growth) -> Layout:
     """Choose capacities and tile size for drawings, and for others that exceed them by `growth`.
 
-    `listing` says how the triangles of the drawings are listed. Every tile lists every triangle in
-    the worst case. It also does so if this makes at most `Headroom.list_all_slots` pairs of a
-    triangle and a tile, which costs less than making lists. The triangles are those of the largest
-    scene, rounded up as in `layout_of_all`. Raises `ValueError` if the worst case has more than
-    `MOST_PAIRS` such pairs.
+    `listing` says how the triangles of the drawings are listed. In the worst case
+    (`growth.is_worst_case`) every tile lists every triangle. Otherwise every tile does so if this
+    makes at most `Headroom.list_all_slots` pairs of a triangle and a tile, which costs less than
+    finding out which triangles touch a tile. Pairs are counted with the number of triangles of the
+    largest scene, rounded up as in `layout_of_all`. Raises `ValueError` if the worst case has more
+    than `MOST_PAIRS` of them.
     """
     tiling, headroom = listing.tiling, listing.headroom
     triangles = max(count_triangles(drawing.scene) for drawing in drawings)
@@ -65,7 +66,8 @@ def layout_for(
     - `triangles`: largest number of triangles in a scene. No capacity exceeds what a scene of this
       number of triangles, rounded up to its size class, can need.
     - `listing`: how the triangles are listed.
-    - `slots_per_chunk`: number of slots in a chunk; by default the number of least cost.
+    - `slots_per_chunk`: number of slots in a chunk (`Capacity`); by default the number of least
+      cost.
     """
     tiling = listing.tiling
     capacity = choose_capacity(

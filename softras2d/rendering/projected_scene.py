@@ -28,8 +28,8 @@ from ..shading.surface import Surface, surface_of
 class Projected(NamedTuple):
     """The triangles of a scene on the sample grid, reoriented to positive area.
 
-    The guard band below is the canvas with a wide margin (`Grid.margin`). Only `surface` has a
-    derivative with respect to positions: the interior term.
+    The guard band is the canvas with a wide margin (`Grid.margin`). Only `surface` has a derivative
+    with respect to positions: the interior term (`gradients.interior_term`).
 
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
@@ -152,7 +152,7 @@ def _surface(
 
     `orientation` is the sign of each triangle's area in the scene, by which corners are reoriented.
     If `crossed_edges` is given and colours vary within triangles, the corner attributes get the
-    interior term as their derivative with respect to positions.
+    interior term (`gradients.interior_term`) as their derivative with respect to positions.
     """
     inverse_w = scene.inverse_w if varies(scene) else None
     corners = materialized(corner_attributes)(
@@ -165,7 +165,7 @@ def _surface(
 
 
 def boundary_shape(tiling: Tiling, channels: int, capacity: Capacity) -> BoundaryShape:
-    """Static parameters of the boundary term of an image, from the capacities of a plan.
+    """Static parameters of the boundary term (`gradients`), from the capacities of a plan.
 
     `channels` is the number of channels of the image. The list of a tile can have as many triangles
     as its chunks have slots.

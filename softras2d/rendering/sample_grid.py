@@ -19,7 +19,7 @@ def samples_of_rows(first_row: Int[Array, ""], rows: int, grid: Grid) -> Sample:
 
     These are `rows` rows of pixels, of which `first_row` is the first. The two arrays of the result
     are `[rows, width * samples]`: pixel by pixel, and within a pixel in the order of visibility
-    buffers, as the module's docstring defines it.
+    buffers, where sample i lies in sub-column i % rate and sub-row i // rate.
     """
     shape = (rows, grid.width, grid.samples)
     row, column, sample = (jnp.arange(n, dtype=jnp.int32) for n in shape)

@@ -48,10 +48,10 @@ class SampledMode(CoverageMode):
     missing: ClassVar[dict[str, str]] = {}
 
     def gradient_border(self, coverage: Any) -> int:
-        """One pixel, or 0 without `Hard.edge_gradients`.
+        """Return a border of one pixel, or of 0 without `Hard.edge_gradients`.
 
-        An edge at the border of two windows passes between a sample of one and a sample of the
-        other, and its derivative needs the colours at these two samples.
+        An edge at the border of two windows passes between a sample of one window and a sample of
+        the other, and its derivative needs the colours at these two samples.
         """
         return int(coverage.edge_gradients)
 
@@ -62,11 +62,12 @@ class SampledMode(CoverageMode):
         growth: Growth,
         tile_side: int | None = None,
     ) -> Listing:
-        """Choose tiles in which a row of samples fits one word, and name the lists not needed.
+        """Choose tiles in which a row of samples fits one 32-bit word, and name unused lists.
 
-        Steps are needed for translucency and depth, fragments for opaque scenes whose colours are
-        evaluated point by point, and runs for `Hard.edge_gradients`. `max_width`, `growth` and
-        `tile_side` are ignored; `drawings` are as in `CoverageMode.list_needs`.
+        Of the lists of `Capacity`, `steps` is used for translucency and depth, `fragments` for
+        opaque scenes whose colours are evaluated point by point, and `runs` for
+        `Hard.edge_gradients`. `max_width`, `growth` and `tile_side` are ignored; `drawings` are as
+        in `CoverageMode.list_needs`.
         """
         coverage, grid = cast(Hard, drawings[0].coverage), drawings[0].grid
         scenes = [drawing.scene for drawing in drawings]
@@ -85,7 +86,8 @@ class SampledMode(CoverageMode):
         """Draw the mean of each pixel's samples: project, list, cover, shade, composite.
 
         The image is premultiplied, and has the channels of `background`, which is premultiplied
-        too. Its derivative includes the boundary term, unless `Hard.edge_gradients` is false.
+        too. Its derivative includes the part that comes from edges that move over samples (the
+        boundary term of `gradients`), unless `Hard.edge_gradients` is false.
         """
         capacity = plan.capacity_of(scene.triangles.shape[0])
         binned = bin_scene(scene, plan)
@@ -120,8 +122,8 @@ def _composite_translucent(
     """Composite the triangles of a scene with alpha at each sample, and average over each pixel.
 
     They are composited front to back. `capacity` has the capacities for the scene's number of
-    triangles. Returns the premultiplied image, whose derivative includes the boundary term if
-    `Hard.edge_gradients` is true. `background` is premultiplied.
+    triangles. Returns the premultiplied image, whose derivative includes the boundary term
+    (`_with_boundary_term`) if `Hard.edge_gradients` is true. `background` is premultiplied.
     """
     projected, lists, steps, _ = binned
     assert steps is not None
@@ -156,9 +158,9 @@ def _sum_opaque(
     """Average the colours of the visible samples of opaque triangles in each pixel.
 
     `capacity` has the capacities for the scene's number of triangles. Returns the premultiplied
-    image, whose derivative includes the boundary term if `Hard.edge_gradients` is true, and the
-    number of fragments that were needed (0 if colours are not evaluated point by point).
-    `background` is premultiplied.
+    image, and the number of fragments that were needed (`shading.fragments`; 0 if colours are not
+    evaluated point by point). The derivative of the image includes the boundary term
+    (`_with_boundary_term`) if `Hard.edge_gradients` is true. `background` is premultiplied.
     """
     tiling = plan.tiling
     front, covered = visible_samples

@@ -44,16 +44,17 @@ class SoftMode(AnalyticMode):
     def reach(self, coverage: Soft, max_width: float | None) -> float:
         """Distance from an edge, in pixels, at which coverage reaches 0.
 
-        It is taken at the larger of the option's width and `max_width`, both in pixels. With None
-        it is taken at the option's width.
+        It is computed for the larger of the option's width and `max_width`, both in pixels. If
+        `max_width` is None, it is computed for the option's width.
         """
         width = float(coverage.width)
         return max(width, max_width or width) * SUPPORT[coverage.profile]
 
     def pixel_functions(self, coverage: Soft, tile_side: int) -> PixelFunctions:
-        """Return coverage as a profile of the signed distance, and weights at the nearest point.
+        """Return the functions of soft coverage and of barycentric weights at a pixel.
 
-        That is the point of the triangle nearest to the pixel's centre. Both are functions, for
+        Coverage is a profile of the signed distance from the pixel's centre to the triangle. The
+        weights are those of the triangle's point nearest to the centre. Both functions are for
         square tiles of `tile_side` pixels a side.
         """
         return PixelFunctions(SoftCoverage(tile_side, coverage.profile), NearestWeights(tile_side))

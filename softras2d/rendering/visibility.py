@@ -69,8 +69,8 @@ class Visibility(eqx.Module):
         The weights are in the order of `scene.triangles`, and sum to 1. They are
         perspective-correct if the scene has `inverse_w`. They are taken at the sample or, with
         `Hard(shading="pixel")`, at the one point of the pixel where `render` shades the triangle.
-        Their derivative with respect to positions is taken at a fixed point of the screen: it is
-        the interior term of `render`. It is zero with `Hard(edge_gradients=False)`.
+        Their derivative with respect to positions is taken at a fixed point of the screen, and does
+        not include edges that move over samples. It is zero with `Hard(edge_gradients=False)`.
         """
         return self._checked(_weights(self, perspective=True))
 

@@ -62,8 +62,8 @@ def bin_scene(scene: Scene, plan: Plan, *, list_hidden: bool = False) -> BinnedS
     """Project a scene of at least one triangle, and list the triangles of every tile.
 
     `list_hidden`: whether a triangle is also listed for tiles in which it is hidden completely,
-    because an opaque triangle in front of it covers the tile. The list of all pairs needs no larger
-    plan for them, since the capacity for pairs includes hidden pairs.
+    because an opaque triangle in front of it covers the tile. These triangles need no larger plan:
+    the capacity for pairs of a triangle and a tile (`Capacity.pairs`) includes hidden pairs.
     """
     capacity = plan.capacity_of(scene.triangles.shape[0])
     projected = project_scene(scene, plan)
@@ -104,8 +104,8 @@ def _total_runs(
 def find_visible(binned: BinnedScene, scene: Scene, plan: Plan) -> VisibleSamples:
     """Find the samples of each slot at which its triangle is the nearest of all covering triangles.
 
-    A slot is one triangle in the list of one tile. Nearest is the triangle that is drawn last. With
-    depth, only triangles that pass the depth test at the sample count.
+    A slot is one triangle in the list of one tile. Nearest is the triangle that is drawn last. In a
+    scene with depth, triangles that fail the depth test at a sample are ignored there.
     """
     projected, lists, _, _ = binned
     chunks = chunks_for_plan(lists, projected.bounds, plan)
