@@ -192,7 +192,8 @@ def shading_points(
     - `covered`: the samples of the fragment's pixel that the triangle covers, visible or not, laid
       out like `Fragments.bits`.
     - `edges`: edge functions of all triangles.
-    - `weights`: terms of the barycentric weights of the fragment's triangle, for each fragment.
+    - `weights`: terms of the barycentric weights of each fragment's triangle in its tile
+      (`barycentric.Weights`).
     - `triangle`, `tile`: index of the triangle and of the tile of each slot.
     """
     # `weights` already contains the other two edges.
@@ -220,13 +221,13 @@ def shading_points_of_samples(
 
     The point is the centre of the pixel if the closed triangle contains it, or if the triangle
     covers no sample of the pixel. Otherwise it is the centroid of the samples of the pixel that the
-    triangle covers. This is as in `shading_points`, but all samples of the pixel are tested again,
-    for callers that have no fragments. A lane is one of these samples with its triangle. The point
-    is relative to the tile in which the sample lies.
+    triangle covers. `shading_points` chooses the same point; here, for callers that have no
+    fragments, coverage is computed again for all samples of the pixel. A lane is one given sample
+    (`column`, `row`) with its triangle. The point is relative to the tile in which the sample lies.
 
     - `edges`: edge functions of all triangles.
     - `bounds`: bounding boxes of all triangles, in samples.
-    - `weights`: terms of the barycentric weights, gathered for each lane.
+    - `weights`: terms of the barycentric weights (`barycentric.Weights`), gathered for each lane.
     - `triangle`: index of the triangle, for each lane.
     - `column`, `row`: column and row of the sample on the canvas's grid of samples.
     """
@@ -258,9 +259,11 @@ def shading_points_of_samples(
 def _rebase(
     edge: Edge, triangle: Int[Array, " slots"], tile: Int[Array, " slots"], tiling: Tiling
 ) -> Edge:
-    """Gather one edge function for each slot's triangle, with samples counted from the slot's tile.
+    """Gather an edge function for the triangle of each slot, relative to the slot's tile.
 
-    `triangle` and `tile` are the triangle and the tile of each slot.
+    `edge` has the function for all triangles, with samples counted from the canvas's first sample.
+    In the result they are counted from the first sample of the tile. `triangle` and `tile` are the
+    indices of the triangle and of the tile of each slot.
     """
     return edge.gather(triangle).rebased(*tiling.first_sample(tile))
 

@@ -31,8 +31,8 @@ _LEAST_ALPHA = 2.0**-24
 
 
 _FLAT = 2.0**23
-"""Inverse height, in 1/pixels, that a triangle without area is given to choose its mip level: its
-texture is blurred across it as in the thinnest triangle that has an area."""
+"""Inverse height, in 1/pixels, that is assumed for a triangle without area when its mip level is
+chosen. Its texture is then blurred across it as in the thinnest triangle that has an area."""
 
 
 class TriangleAttributes(NamedTuple):
@@ -51,7 +51,7 @@ class TriangleAttributes(NamedTuple):
 
     @property
     def is_interpolated_only(self) -> bool:
-        """Whether opaque colours, given at the corners, are all that there is to interpolate."""
+        """Whether there are only opaque corner colours, without perspective, textures and depth."""
         is_interpolated_opaque = self.corners.color.shape[:2] == (3, 3)
         attributes = (self.corners.inverse_w, self.textures, self.depth)
         return is_interpolated_opaque and all(attribute is None for attribute in attributes)

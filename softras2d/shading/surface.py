@@ -99,10 +99,11 @@ class Surface(NamedTuple):
     def weight_terms(
         self, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
     ) -> AffineWeights:
-        """Compute the terms of the barycentric weights of corners 1 and 2, one triangle per lane.
+        """Compute the numbers from which the barycentric weights of lanes are evaluated.
 
         Lane k is triangle `triangle[k]` in tile `tile[k]`. `barycentric.weights_at` evaluates the
-        terms at single samples of that tile; the weight of corner 0 is 1 minus the other two.
+        weights of corners 1 and 2 at single samples of that tile; the weight of corner 0 is 1 minus
+        the other two.
         """
         weights = slot_weights(self.edges, self.area, triangle, tile, tiling, self.planes)
         return affine_weights(weights)
@@ -184,7 +185,7 @@ def surface_lanes(
 def _lane_weights(
     surface: Surface, triangle: Int[Array, " lanes"], tile: Int[Array, " lanes"], tiling: Tiling
 ) -> Weights:
-    """Compute the terms of the barycentric weights in lanes, each a triangle in a tile."""
+    """Gather the `barycentric.Weights` of lanes, each of which is a triangle in a tile."""
     return slot_weights(surface.edges, surface.area, triangle, tile, tiling, surface.planes)
 
 
@@ -219,7 +220,7 @@ def _choose_on_lanes(
 ) -> LevelsAndProbes:
     """Choose mip levels and probes for each lane, and in perspective for one point of each lane.
 
-    - `weights`: terms of the barycentric weights of each lane.
+    - `weights`: terms of the barycentric weights of each lane (`barycentric.Weights`).
     - `point`: the point of each lane in perspective; None otherwise.
     """
     steps = (pixel_step(weights, 0, tiling), pixel_step(weights, 1, tiling))
@@ -230,7 +231,7 @@ def pixel_step(weights: Weights, axis: int, tiling: Tiling) -> PixelStep:
     """Compute the change of two weights for a step of one pixel along x (axis 0) or y (axis 1).
 
     They are the barycentric weights of corners 1 and 2 on the screen. `weights` has the terms from
-    which they are computed. The result has the change of corner 1, then that of corner 2.
+    which they are computed. Returns the change of corner 1's weight, then that of corner 2's.
     """
     sample_step = weights.edges.right if axis == 0 else weights.edges.down
     step = sample_step.astype(weights.per_value.dtype) * weights.per_value[None]

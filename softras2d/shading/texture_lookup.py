@@ -145,9 +145,11 @@ def uv_derivative(
     """Compute the change of (u, v) for a step of one pixel, to first order.
 
     `step` is the change of the weights of corners 1 and 2 for this step. In perspective the change
-    of (u, v) is evaluated at `point`; with a `point` of None it is the same everywhere. The
-    derivative of a quotient u = U / Q is (U' - u Q') / Q. It is summed over the corners as w_i' q_i
-    (u_i - u), in which no large numbers cancel.
+    of (u, v) is evaluated at `point`; with a `point` of None it is the same everywhere.
+
+    In perspective, with the weights a_i on the screen and q_i = `inverse_w` of corner i, u is the
+    quotient of U = sum_i a_i q_i u_i and Q = sum_i a_i q_i. Its derivative (U' - u Q') / Q is
+    computed as sum_i a_i' q_i (u_i - u) / Q, in which no large numbers cancel.
     """
     assert corners.uv is not None
     second, third = step

@@ -54,10 +54,10 @@ def add_shade(
     """Add the premultiplied colour of each lane's triangle at a point to `total`, where `shown`.
 
     A lane is a triangle in a tile, or in a pixel of a tile. There are `surface.channels` channels
-    and one point per lane. A `shown` of None adds everywhere. If textures are read at several
-    probes, only the contribution of the probe with number `probe` is added; the caller calls this
-    for each of `0..surface.probes - 1`. The addition happens here so that the texels read are not
-    stored.
+    and one point per lane. A `shown` of None adds everywhere. If a texture is read at several
+    probes, whose mean is taken, only the contribution of the probe with number `probe` is added;
+    the caller calls the function for each of `0..surface.probes - 1`. The addition happens here so
+    that the texels read are not stored.
     """
     weights = _weights_at(lanes.weights, lanes.corners.inverse_w, points)
     choose = level_chooser(surface, lanes, weights, tiling)
@@ -70,7 +70,7 @@ def _weights_at(
 ) -> CornerWeights:
     """Compute the barycentric weights at points: in space with `inverse_w`, else on the screen.
 
-    `weights` has the terms from which the weights are computed.
+    `weights` has the terms from which the weights are computed, for the triangle of each lane.
     """
     on_screen = _screen_weights_at(weights, points)
     if inverse_w is None:

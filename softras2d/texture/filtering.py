@@ -48,8 +48,9 @@ class Lookup(NamedTuple):
 class Taps(NamedTuple):
     """The texels around each point that a filter mixes, along u and along v, in one mip level.
 
-    - `texels`: one entry for each tap, with terms of an index for u and for v. The texel of tap i
-      along u and tap j along v has the index `texels[i][0] + texels[j][1]` in the pyramid.
+    - `texels`: one array for each tap along an axis. Its entry 0 is for the tap along u, and its
+      entry 1 for the tap along v; both are parts of a texel index. The texel of tap i along u and
+      tap j along v has the index `texels[i][0] + texels[j][1]` in `TexturePyramid.texels`.
     - `fraction`: the argument of `AbstractTexelFilter.weights` along u and along v; None for a
       single tap.
     """
@@ -59,7 +60,7 @@ class Taps(NamedTuple):
 
 
 class LevelTaps(NamedTuple):
-    """The texels to mix at each point: in one mip level, or in two levels whose mixes are mixed.
+    """The texels to mix at each point: in one mip level, or in each of two levels that are blended.
 
     - `fine`: taps in the only level, or in the finer one.
     - `coarse`, `fraction`: taps in the coarser level, and its weight, 0..1; None for one level.
@@ -132,7 +133,7 @@ def _taps(level: Level, uv: Float[Array, "2 *points"], lookup: Lookup) -> Taps:
     """Find the texels to mix in one mip level at the texture coordinates `uv`, 0..1 in the image.
 
     Unless the texture repeats, points beyond the position of the first or last texel of an axis
-    read it as at that position, with zero gradient.
+    read the texture as at that position, with zero gradient.
     """
     # Both axes use one formula: this halves the number of kernels, and needs none to join them.
     along_v = jax.lax.broadcasted_iota(jnp.int32, uv.shape, 0) == 1

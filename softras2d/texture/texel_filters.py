@@ -1,12 +1,14 @@
 """How the texels along one axis are mixed around a point: one class for each name of a filter.
 
-A two-dimensional filter is the product of one mix along u and the same mix along v. To add one,
-write its class here, and put its name into `names.PixelFilter` and into `TEXEL_FILTERS`. Describe
-the filter at `Filter.pixel` in `options.py`; the command line offers every name of `PixelFilter`.
-For plans to report it, add a row to `EFFECTS` and its name to `SCENE_EFFECTS` (both in
-`planning.effects`), and leave it out in the tests where one plan has all effects. The viewer offers
-the filter once its name is in `PIXEL_FILTERS` of `viewing/static/viewer.js`. With negative weights,
-colours and alpha may leave the range of the texels.
+A two-dimensional filter is the product of one mix along u and the same mix along v. With negative
+weights, colours and alpha may leave the range of the texels.
+
+To add a filter, write its class here, and put its name into `names.PixelFilter` and into
+`TEXEL_FILTERS`. Describe the filter at `Filter.pixel` in `options.py`; the command line offers
+every name of `PixelFilter`. For plans to report the filter as an effect, add a row to `EFFECTS` and
+the effect's name to `SCENE_EFFECTS` (both in `planning.effects`), and leave this effect out in the
+tests where one plan has all effects. The viewer offers the filter once its name is in
+`PIXEL_FILTERS` of `viewing/static/viewer.js`.
 """
 
 import abc
