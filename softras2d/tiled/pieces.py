@@ -68,8 +68,8 @@ def padded(piece: Piece) -> Scene:
 def blank_piece(scene: Scene) -> Piece:
     """Make a piece of `scene` that shows nothing but the background.
 
-    Its only triangle covers nothing, and is not counted in `Piece.triangle`, which is empty, as is
-    `Piece.vertex`. If `scene` has no triangles, the piece has none either.
+    The scene of the piece has one triangle, which covers nothing. `Piece.triangle` and
+    `Piece.vertex` are empty all the same. If `scene` has no triangles, the piece has none either.
     """
     no_indices = np.zeros(0, np.int32)
     if len(scene.triangles) == 0:

@@ -104,7 +104,7 @@ class TiledPlan:
         return self.lists.triangles_of(number)
 
     def _class_of(self, number: int) -> int:
-        """Size class, in triangles, of the piece of the scene that this window draws."""
+        """Size class (`piece_class`) of the triangles that the window of this number draws."""
         return piece_class(len(self.lists.triangles_of(number)) + (self.witness is not None))
 
     def __repr__(self) -> str:
@@ -147,7 +147,7 @@ def plan_tiles(
 
     Under `Hard`, windows equal the image that `render` draws with the default plan of the whole
     canvas (of the same `grid_bits`), to the bit, unless a triangle is so large that an edge is cut
-    at the guard band. This reaches 2^(22 - grid_bits) pixels from the middle of each window. Under
+    at the guard band, which reaches 2^(22 - grid_bits) pixels from the middle of each window. Under
     `Soft` and `Area`, windows equal the image up to rounding.
 
     Raises `ValueError` as `plan` does, for a traced or batched scene, and for an invalid `tile`.
@@ -182,7 +182,7 @@ def plan_tiles(
 def host_scene(scene: Scene, plan: TiledPlan) -> Scene:
     """Copy a scene to the host, so that windows can take their triangles from it.
 
-    If the plan has a witness (`pieces.with_witness`), it is appended if there is any triangle.
+    A scene with triangles gets the witness (`pieces.with_witness`) appended, if the plan has one.
     Raises `ValueError` for other types, a traced scene, or fewer triangles than the lists name.
     """
     check_type("scene", scene, Scene)
@@ -260,7 +260,7 @@ def _lists_of_all(triangles: int, cut: Cut) -> TriangleLists:
 
 
 class _Windows(NamedTuple):
-    """The scene, the windows and the lists from which the plans of all windows are made.
+    """The scene, the windows and the lists of triangles from which all plans are made.
 
     - `canvas`: the scene on the whole canvas.
     - `grid`: the fixed-point grid of one window with its border.
@@ -299,9 +299,9 @@ class _Windows(NamedTuple):
 def _plans(windows: _Windows, mode: CoverageMode, canvas_listing: Listing) -> dict[int, Plan]:
     """Make the plan for the windows of each size class.
 
-    `canvas_listing` is the listing of the scene on the whole canvas. It decides whether every tile
-    lists every triangle, and gives the side of the renderer's tiles under analytic coverage, so
-    that windows are drawn like the whole canvas.
+    Returns the plans by size class. `canvas_listing` is the listing of the scene on the whole
+    canvas. It decides whether every tile lists every triangle, and gives the side of the renderer's
+    tiles under analytic coverage, so that windows are drawn like the whole canvas.
     """
     groups, lists = windows.groups(), windows.lists
     drawings = {

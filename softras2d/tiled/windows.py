@@ -73,12 +73,12 @@ class Cut:
 
         `border` is the width of the border, in pixels. All drawn windows have one size.
 
-        With a border, none of them reaches beyond the canvas: those at the border of the canvas are
-        shifted onto it. The derivative of an edge within half a sample of the border of the canvas
-        compares colours at the last sample of the canvas, not at a sample beyond it.
+        With a border, no drawn window reaches beyond the canvas: those at the border of the canvas
+        are shifted onto it. So the derivative of an edge within half a sample of the border of the
+        canvas compares colours at the last sample of the canvas, not at a sample beyond it.
 
-        Without a border, they begin where the windows of the cut begin, and those of the last row
-        and column may reach beyond the canvas.
+        Without a border, each drawn window begins where the window begins, and those of the last
+        row and column may reach beyond the canvas.
         """
         window = self.window(number)
         if border == 0:
