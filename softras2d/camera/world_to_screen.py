@@ -115,7 +115,7 @@ def project(
 
     `project` runs on the host, in numpy and float64, and rounds once to float32. It needs concrete
     values and has no derivatives with respect to them. Only `textures` and `background` may be
-    traced: they are no more than converted to float32.
+    traced: they are only converted to float32.
 
     Raises `ValueError` for shapes, indices and values that a scene cannot have, for other traced
     arguments, for a size that is no positive integer, for a singular `view` or `projection`, and if
