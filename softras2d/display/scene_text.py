@@ -89,8 +89,10 @@ def _counts(arrays: dict[str, Any]) -> list[str]:
 def _effects(arrays: dict[str, Any]) -> list[str | None]:
     """Names of the effects that a scene needs whatever the options, as in `effects.EFFECTS`.
 
-    `arrays`: the leaves of the scene, by the names of their fields. An effect that the scene does
-    not need is None, except that `flat colour` and `opaque` say that it lacks the first two.
+    `arrays`: the leaves of the scene, by the names of their fields. The list has an entry for each
+    possible effect, which is None if the scene does not need the effect or if this is not known.
+    But the first is `flat colour` for a scene without interpolated colours, and the second is
+    `opaque` for a scene without translucency.
     """
     corners, channels = size_of(arrays["colors"], -2), size_of(arrays["colors"], -1)
     is_translucent = 4 in (channels, size_of(arrays.get("texels"), -1))
