@@ -71,9 +71,9 @@ def screenshot_file(
     - `seconds`: time limit, after which the browser is killed. A browser that has ended by itself
       without a picture is started once more, with the same limit.
 
-    After the call, no process of the browser is left (on Windows, children of a killed one may be),
-    and no file with one exception: if the path of the temporary folder is longer than
-    `_LONGEST_FOLDER`, a browser that is killed leaves its socket.
+    After the call, no process of the browser is left; on Windows, child processes of a killed
+    browser may be left. No file is left either, with one exception: if the path of the temporary
+    folder is longer than `_LONGEST_FOLDER`, a browser that is killed leaves its socket.
 
     Raises `OSError`, with a message of one line, for a browser that cannot be started or twice ends
     without a picture, and `TimeoutError` for one that does not end in time.

@@ -17,10 +17,10 @@ def flicker(
 ) -> float:
     """Mean absolute change of `images` from each frame to the next, where `targets` stand still.
 
-    `images` are frames that approximate the frames in `targets`, with values in 0..1. For each pair
-    of successive frames, the pixels count whose target changes by at most 1.5 levels of an 8-bit
-    image in every channel. The mean is over all channels of these pixels, of all pairs together. It
-    is NaN if there is no such pixel, or if there are fewer than two frames.
+    `images` are frames that approximate the frames in `targets`, with values in 0..1. Of each pair
+    of successive frames, only those pixels are counted whose target changes by at most 1.5 levels
+    of an 8-bit image in every channel. The mean is over all channels of these pixels, of all pairs
+    together. It is NaN if there is no such pixel, or if there are fewer than two frames.
     """
     total, count = 0.0, 0
     for k in range(1, len(images)):

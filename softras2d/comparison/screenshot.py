@@ -15,7 +15,8 @@ from .similarity import psnr
 from .tolerance import exceeds
 
 FAR_LEVELS = 24
-"""Difference of a channel, in levels of an 8-bit image, for `ScreenshotDifference.far_share`.
+"""Difference of a channel, in levels of an 8-bit image, above which a pixel counts for
+`ScreenshotDifference.far_share`.
 
 Antialiasing alone causes larger differences in few pixels only."""
 

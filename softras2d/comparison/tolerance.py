@@ -13,7 +13,7 @@ _ROUNDING = 1e-4
 """Relative amount by which a difference may exceed a tolerance, because of rounding.
 
 The difference of two adjacent levels of an 8-bit image, k/255 in float32, deviates from 1/255 by up
-to 2e-5 of it. A tolerance of 0 stays exact."""
+to 2e-5 of 1/255. A tolerance of 0 stays exact."""
 
 
 def exceeds(
