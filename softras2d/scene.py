@@ -182,11 +182,11 @@ class Scene(eqx.Module):
 
 _FLOATING = {"positions": "vertex", "depth": "vertex", "inverse_w": "vertex"}
 _FLOATING |= {"uv": "triangle", "colors": "triangle", "background": "channel"}
-"""Arrays of floats, with what the first axis of each counts outside a batch."""
+"""Fields that are arrays of floats, and what the first axis of each counts in a single scene."""
 
 
 def check_types(scene: Scene) -> None:
-    """Raise `ValueError` unless it is a `Scene` of float32 or float64, with integers for indices.
+    """Raise `ValueError` unless `scene` is a `Scene` of float32 or float64, with integer indices.
 
     Dtypes are known while tracing too, so they are also checked there. Half precision can represent
     neither the sample grid nor the sums over a triangle's pixels. Integer colours would be
@@ -239,10 +239,10 @@ def check(scene: Scene) -> None:
 
 
 def _refuse(is_invalid: Any, name: str, axis: str, rule: str, value: Any, batched: bool) -> None:
-    """Raise `ValueError` if an entry of `is_invalid` is true, naming the first such entry.
+    """Raise `ValueError` if an entry of `is_invalid` is true, naming the first of these entries.
 
-    The array `name` must be `rule`. `value` is laid out like the host array `is_invalid`: the first
-    axis counts scenes if `batched`, and the next one counts what `axis` says.
+    The message says that the array `name` must be `rule`. `value` and the host array `is_invalid`
+    have one shape: the first axis counts scenes if `batched`, and the next counts what `axis` says.
     """
     if is_invalid.any():
         index = tuple(int(i) for i in np.argwhere(is_invalid)[0])
@@ -353,8 +353,8 @@ def _colors(name: str, value: Any, dtype: Any) -> Any:
 def _floats(name: str, value: Any, dtype: Any) -> Any:
     """Convert a value to an array of floats of `dtype`, on the host or traced.
 
-    With `dtype` None, floats keep their dtype, except that float64 becomes float32 without
-    `jax_enable_x64`, integers and bools become float32, and half precision raises `ValueError`.
+    If `dtype` is None: floats keep their dtype, but float64 becomes float32 without
+    `jax_enable_x64`; integers and bools become float32; half precision raises `ValueError`.
     """
     array = _numbers(name, value)
     if dtype is None:
