@@ -2,7 +2,7 @@
 
 The corners of each triangle get the colours (1, 0, 0), (0, 1, 0) and (0, 0, 1), so that the
 interpolated colour at a sample consists of the weights of the three corners. The weights then have
-the same derivative as any interpolated attribute: the interior term.
+the same derivative as any interpolated attribute: the interior term (`gradients.interior_term`).
 """
 
 import equinox as eqx

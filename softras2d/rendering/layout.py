@@ -64,7 +64,7 @@ def layout_for(
 
     - `counts`: the list lengths that each scene needs.
     - `triangles`: largest number of triangles in a scene. No capacity exceeds what a scene of this
-      number of triangles, rounded up to its size class, can need.
+      number of triangles, rounded up by `triangle_class`, can need.
     - `listing`: how the triangles are listed.
     - `slots_per_chunk`: number of slots in a chunk (`Capacity`); by default the number of least
       cost.

@@ -33,8 +33,8 @@ class Projected(NamedTuple):
 
     - `edges`: edge functions of each triangle.
     - `bounds`: the samples in the bounding box of each triangle.
-    - `crossed_edges`: the edges as the boundary term needs them; None if `Hard.edge_gradients` is
-      false.
+    - `crossed_edges`: the edges as the boundary term (`gradients`) needs them; None if
+      `Hard.edge_gradients` is false.
     - `surface`: corner attributes, weights and textures as shading needs them.
     - `depths`: depths as the depth test needs them; None if the scene has no depth.
     - `is_occluder`: whether each triangle is known to hide all that is behind it
