@@ -23,7 +23,7 @@ from ..numerics.fusion_barrier import materialized
 from .surface import Points, gather_lanes
 
 FRAGMENTS_PER_BLOCK = 2**15
-"""Maximum number of fragments that are shaded at once on a CPU.
+"""Maximum number of fragments, pairs of a triangle and a pixel, that a CPU shades at once.
 
 With fewer than 2^14, the fixed cost of each block dominates; with more than 2^16, the arrays of a
 block do not fit into the processor's cache.
@@ -31,10 +31,10 @@ block do not fit into the processor's cache.
 
 
 class Fragments(NamedTuple):
-    """A list of fragments, tile by tile.
+    """A list of fragments, pairs of a triangle and a pixel that shows it, tile by tile.
 
-    - `slot`: index of the fragment's slot in the flattened chunks, which gives its triangle and its
-      tile.
+    - `slot`: index of the fragment's slot in the flattened chunks (`binning.lists.Chunks`), which
+      gives its triangle and its tile.
     - `column`, `row`: column and row of the pixel within the tile, in pixels.
     - `bits`: for each row of samples of the pixel (sub-row), a word in which bit i is set if sample
       i of this row shows the triangle. All words of entries beyond `needed` are 0.
@@ -104,7 +104,8 @@ def _locate(
 ) -> tuple[Int[Array, " fragments"], Int[Array, " fragments"], Int[Array, " fragments"]]:
     """Find the slot of each fragment, and the column and row of its pixel in the tile.
 
-    A slot is a triangle in the list of a tile. Column and row are in pixels.
+    A fragment is a pair of a triangle and a pixel that shows it; a slot is a triangle in the list
+    of a tile. Column and row are in pixels.
 
     - `pixel_words`: the words of `_count_pixels`.
     - `pixel_row`: index into these words, for each fragment.
@@ -142,7 +143,9 @@ def gather_bits(
     row: Int[Array, " fragments"],
     tiling: Tiling,
 ) -> UInt32[Array, "sub_rows fragments"]:
-    """Cut the samples of each fragment's pixel out of the coverage words of its slot.
+    """Cut the samples of each fragment's pixel out of the coverage words of the fragment's slot.
+
+    A fragment is a pair of a triangle and a pixel; a slot is a triangle in the list of a tile.
 
     - `words`: coverage words of each slot, one for each row of samples of its tile.
     - `slot`: index of each fragment's slot in the flattened chunks.

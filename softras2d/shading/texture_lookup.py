@@ -188,7 +188,7 @@ def _move_along_axis(
 ) -> tuple[Float[Array, "2 *points"], Float[Array, "*chosen"]]:
     """Move (u, v) to a probe on the axis, and compute its share: 0 for a probe beyond `count`.
 
-    `probe` is the number of the probe, from 0. The others are as in `LevelsAndProbes`.
+    `probe` is the number of the probe, from 0. `count` and `axis` are as in `LevelsAndProbes`.
     """
     number = probe.astype(uv.dtype).reshape((1,) * count.ndim)
     is_used = number < count
