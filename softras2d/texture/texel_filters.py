@@ -40,10 +40,9 @@ class AbstractTexelFilter(eqx.Module):
     def weights(self, fraction: Float[Array, "*points"]) -> tuple[Array, ...]:
         """Compute the weight of each tap, in order; the weights add up to 1.
 
-        `fraction` is `position - start`, in `-shift .. 1 - shift`. It is 1 - `shift` only for
-        `shift == 0`, at the last texel of a clamped border.
-        The gradient of the filtered texture by the position follows from the derivatives of the
-        weights.
+        `fraction` is `position - start`, in `-shift .. 1 - shift`. It reaches the upper end only if
+        `shift` is 0, at the last texel of an axis whose border is clamped. The gradient of the
+        filtered texture by the position follows from the derivatives of the weights.
         """
 
 
