@@ -38,8 +38,8 @@ class ClippedTriangles(NamedTuple):
 
 
 _FAN = np.array([[0, 1, 2], [0, 2, 3]])
-"""The triangles, as vertex indices, of a fan of a polygon of three (only the first) or four
-vertices."""
+"""Vertex indices of the triangles into which a polygon is cut. A polygon of four vertices becomes
+both triangles, and a polygon of three vertices only the first."""
 
 
 def clip_near(vertices: np.ndarray, triangles: np.ndarray) -> ClippedTriangles:
