@@ -77,7 +77,8 @@ def _fit(
     shorter side a multiple of `_STEP`; the triangles are in its middle.
 
     Returns the new positions in pixels, and the height and width of the picture. Returns None if
-    `used_points` finds none, or if their extent is not finite, or zero up to rounding.
+    `used_points` finds no vertices, or if the extent of the vertices is not finite, or zero up to
+    rounding.
     """
     points = used_points(positions, triangles)
     if points is None or not len(points) or not np.isfinite(points).all():

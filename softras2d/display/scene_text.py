@@ -110,8 +110,8 @@ def _effects(arrays: dict[str, Any]) -> list[str | None]:
 def _values_text(arrays: dict[str, Any]) -> str:
     """Text of the extent of the triangles, in pixels, or of the reason why there are no values.
 
-    It also says how many of their vertices are not finite. It is empty if `used_points` finds none.
-    `arrays`: the leaves of the scene, by the names of their fields.
+    It also says how many of their vertices are not finite. It is empty if `used_points` finds no
+    vertices. `arrays`: the leaves of the scene, by the names of their fields.
     """
     if is_traced(arrays):
         return "traced"
