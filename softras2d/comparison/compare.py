@@ -157,5 +157,5 @@ def _worst_pixels(difference: Float64[np.ndarray, "height width"]) -> tuple[Wors
 
 
 def _in_levels(difference: float) -> str:
-    """Text of a difference in 0..1, followed by the same in levels of an 8-bit image, 0..255."""
+    """Text of a difference in 0..1, followed by the same difference in 8-bit levels, 0..255."""
     return f"{difference:.4g} ({255 * difference:.3g} of 255 levels)"
