@@ -37,8 +37,8 @@ class Hard(eqx.Module):
     - `samples`: samples per pixel: 1, 4, 9, 16, 64 or 256. They form a regular grid. With S samples
       along the side of a pixel, sample i of a row lies (i + 1/2) / S pixels from the pixel's left.
     - `fill_rule`: with `"inclusive"`, a triangle covers every sample of its closed area. With
-      `"top_left"`, a sample on the edge between two adjacent triangles belongs to one of them, and
-      triangles of zero area cover nothing.
+      `"top_left"`, a sample on the edge between two adjacent triangles belongs to just one of
+      them, and triangles of zero area cover nothing.
     - `shading`: with `"sample"`, colours are evaluated at each sample (supersampling). With
       `"pixel"`, they are evaluated once per pixel and triangle (multisampling): at the pixel centre
       if the triangle covers it, else at the centroid of all samples of the pixel that the triangle
