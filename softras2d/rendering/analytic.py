@@ -1,8 +1,8 @@
 """The pipeline of analytic coverage: soft coverage and exact area.
 
 Work is done for each *slot*, which is one triangle in the list of one tile, at all pixels of the
-tile. A *chunk* is a few slots of the same tile, nearest first (`binning.lists`). Some slots of the
-last chunks are empty.
+tile. A *chunk* is a few slots of the same tile, in reverse draw order (`binning.lists`). Some slots
+of the last chunks are empty.
 """
 
 import abc
@@ -148,7 +148,7 @@ class AnalyticMode(CoverageMode):
         - `coverage`: the option, such as `Soft(...)`.
         - `shaded`: opacity, colour and depth of each slot at the pixels of its tile.
         - `triangles`: all triangles of the scene, for their areas and orientations.
-        - `chunks`: the slots of a tile, last in draw order first, in at most `max_chunks` chunks.
+        - `chunks`: the slots of a tile, in reverse draw order, in at most `max_chunks` chunks.
 
         Depth is ignored here: a mode that draws scenes with depth overrides this method, and any
         other mode names "depth test" in `CoverageMode.missing`.

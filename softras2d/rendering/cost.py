@@ -58,9 +58,10 @@ def without_effect(scene: Scene, plan: Plan, effect: str) -> tuple[Scene, Plan]:
     """Remove one effect from a scene; return the simpler scene and a plan for it.
 
     `effect` is a name in `effects.EFFECTS`. The new plan has the canvas, origin and grid of `plan`.
-    It has the coverage and the filter of `plan` too, except for what makes up the effect. The
-    simpler scene has a different image: it is for comparing costs only. Raises `ValueError` if
-    there is no effect of this name.
+    It has the coverage and the filter of `plan` too, except for what makes up the effect; its
+    capacities are chosen for the simpler scene, with the default headroom. The simpler scene has a
+    different image: it is for comparing costs only. Raises `ValueError` if there is no effect of
+    this name.
     """
     if effect not in EFFECTS:
         raise ValueError(f"`effect` must be one of {', '.join(EFFECTS)}; got {effect!r}.")

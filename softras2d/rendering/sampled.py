@@ -1,7 +1,7 @@
 """The pipeline of sampled coverage: each sample is inside or outside, decided in integers.
 
 The triangles of each tile are listed. A *slot* is one triangle in the list of one tile, and a
-*chunk* is a few slots of the same tile, nearest first (`binning.lists`).
+*chunk* is a few slots of the same tile, in reverse draw order (`binning.lists`).
 """
 
 import functools
