@@ -13,51 +13,37 @@ visited again in `layers_inside`, and so are all crossings whose samples lie in 
 Layers that cover both samples have the transmittance and the depth of the sample outside, whether
 or not the samples lie in one tile.
 
-Layers that are too dim to change the gain noticeably are not visited (`surroundings.still_matter`).
+A triangle that is too dim to be noticed adds nothing, and layers that would not change its gain
+noticeably are not visited (`surroundings.is_noticeable`).
 
 At the border of the canvas, both samples of a crossing may be the same sample. If the edge's
 triangle covers it, a triangle that is drawn later but lies deeper fails the depth test there, so it
 is not a layer of the sample. It would be visible without the edge's triangle; this file omits it.
 """
 
-import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, UInt32
+from jaxtyping import Array, Bool, Float, Int
 
 from ..geometry.tiling import Tiling
-from ..numerics.batched_loops import repeat
 from ..numerics.fusion_barrier import materialized
 from .crossings import Crossings
-from .layer_masks import (
-    LayerMasks,
-    SampleAddress,
-    bits_before,
-    count_planes,
-    entry_bit,
-    gather_masks,
-    locate_layers,
-)
+from .layer_masks import LayerMasks, locate_layers
 from .layered_samples import LayeredSamples
 from .layers_inside import InsideLanes, visit_inside
 from .listed_colors import ListedColors
-from .run_layers import ListedEdges, list_edges
-from .run_tiles import tiles_of_runs
+from .part_groups import LocatedCrossings, visit_groups, visits_inside
+from .run_parts import PartSamples
 from .surroundings import (
     PixelCotangent,
     Surroundings,
-    no_layers,
+    is_noticeable,
     over_background,
     still_matter,
     values_of,
 )
-from .visits import RunSamples, VisitedLayers, visit_by_depth, visit_in_draw_order
-
-_GROUP = 1024
-"""Number of runs whose layers are visited together: so few that one core keeps their data in its
-cache (`numerics.one_core`). Measured with 100 layers over each pixel."""
 
 
 class EdgeLayer(NamedTuple):
@@ -92,38 +78,6 @@ class EdgeGain(NamedTuple):
     covers_outside: Bool[Array, "lines runs"]
 
 
-class _Group(NamedTuple):
-    """The crossings of some runs, and where to read the layers of their samples.
-
-    - `valid`: as in `Crossings`.
-    - `inside`, `outside`: addresses of the layer masks of the samples inside and outside.
-    - `is_one_list`: whether both samples are in one tile, so that their masks can be compared.
-    - `listed`: where the edge's triangle is in the lists of the tiles of the samples outside.
-    - `runs`: the samples outside.
-    """
-
-    valid: Bool[Array, "lines runs"]
-    inside: SampleAddress
-    outside: SampleAddress
-    is_one_list: Bool[Array, "lines runs"]
-    listed: ListedEdges
-    runs: RunSamples
-
-
-class _SampleFlags(NamedTuple):
-    """Facts about the layers at each crossing, from the masks of the planes visited so far.
-
-    - `is_inside_alone`: whether a layer drawn after the edge's triangle covers the sample inside
-      alone.
-    - `covers_inside`, `covers_outside`: as in `EdgeGain`. Where the two samples lie in different
-      tiles, `covers_inside` and `is_inside_alone` are false.
-    """
-
-    is_inside_alone: Bool[Array, "lines runs"]
-    covers_inside: Bool[Array, "lines runs"]
-    covers_outside: Bool[Array, "lines runs"]
-
-
 def edge_gains(
     samples: LayeredSamples,
     masks: LayerMasks,
@@ -140,30 +94,26 @@ def edge_gains(
     values. The gain has no meaning where no crossing is valid.
     """
     shape = crossings.valid.shape
-    whole = _locate(masks, crossings, edge_layer, cotangent, tiling)
-    group_size = min(_GROUP, max(shape[1], 1))
-
-    def visit_group(number: Int[Array, ""], results: Any) -> Any:
-        first = number * group_size
-        group = jax.tree.map(
-            lambda entry: jax.lax.dynamic_slice_in_dim(entry, first, group_size, axis=-1), whole
-        )
-        return jax.tree.map(
-            lambda result, part: jax.lax.dynamic_update_slice_in_dim(result, part, first, axis=-1),
-            results,
-            _visit_group(samples, masks, colors, group, tiling),
-        )
-
-    groups = jnp.asarray(-(-shape[1] // group_size), jnp.int32)
-    state, flags = repeat(groups, visit_group, _nothing_visited(samples, shape, cotangent))
-    # A layer with one colour, in a scene without depth, has the same effect at both samples.
-    is_missed = ~whole.is_one_list
-    if not _visits_inside(samples):
+    inside, outside = (
+        locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
+    )
+    is_one_list = inside.tile == outside.tile
+    located = LocatedCrossings(
+        crossings.valid,
+        inside.mask_index,
+        outside.mask_index,
+        outside.tile,
+        is_one_list,
+        _samples_outside(samples, colors, crossings, edge_layer, cotangent, tiling),
+    )
+    state, flags = visit_groups(samples, masks, colors, located, tiling)
+    is_missed = ~is_one_list
+    if not visits_inside(samples):
         is_missed = is_missed | flags.is_inside_alone
     lanes = InsideLanes(
-        whole.inside,
-        whole.outside,
-        whole.is_one_list,
+        inside,
+        outside,
+        is_one_list,
         jnp.broadcast_to(edge_layer.triangle[None], shape),
         edge_layer.depth_inside,
         edge_layer.depth_outside,
@@ -183,114 +133,24 @@ def edge_gains(
     return EdgeGain(gain, covers_inside.reshape(shape), flags.covers_outside)
 
 
-def _visits_inside(samples: LayeredSamples) -> bool:
-    """Whether layers that cover the sample inside alone are visited with those outside.
-
-    A layer with one colour, in a scene without depth, has the same effect at both samples.
-    """
-    return samples.colors.is_flat and samples.depths is None
-
-
-def _nothing_visited(
-    samples: LayeredSamples, shape: tuple[int, ...], cotangent: PixelCotangent
-) -> tuple[Surroundings, _SampleFlags]:
-    """Return the surroundings and flags of crossings before any layer is visited.
-
-    `shape` is `(lines, runs)`.
-    """
-    channels, dtype = samples.background.shape[0], samples.background.dtype
-    values = channels if cotangent is None else 1
-    false = jnp.zeros(shape, bool)
-    state = no_layers(shape, values, dtype, has_depth=samples.depths is not None)
-    return state, _SampleFlags(false, false, false)
-
-
-def _locate(
-    masks: LayerMasks,
+def _samples_outside(
+    samples: LayeredSamples,
+    colors: ListedColors,
     crossings: Crossings,
     edge_layer: EdgeLayer,
     cotangent: PixelCotangent,
     tiling: Tiling,
-) -> _Group:
-    """Find where the layers of both samples of each crossing, and the edge's triangle, are."""
-    inside, outside = (
-        locate_layers(masks, sample, tiling) for sample in (crossings.inside, crossings.outside)
-    )
-    tiles = tiles_of_runs(
-        crossings.outside, outside.tile, crossings.valid, masks.lists.start, tiling=tiling
-    )
-    listed = list_edges(masks, tiles, edge_layer.triangle)
-    runs = RunSamples(
-        crossings.outside, tiles, edge_layer.triangle, edge_layer.depth_outside, cotangent
-    )
-    return _Group(crossings.valid, inside, outside, inside.tile == outside.tile, listed, runs)
-
-
-def _visit_group(
-    samples: LayeredSamples, masks: LayerMasks, colors: ListedColors, group: _Group, tiling: Tiling
-) -> tuple[Surroundings, _SampleFlags]:
-    """Visit the layers of the samples outside the edges of a group of runs, plane by plane."""
-
-    def visit_plane(
-        plane: Int[Array, ""], carry: tuple[Surroundings, _SampleFlags]
-    ) -> tuple[Surroundings, _SampleFlags]:
-        state, _ = carry
-        inside, outside = (
-            gather_masks(masks, address, plane) for address in (group.inside, group.outside)
-        )
-        layers, flags = _compare_masks(
-            inside, outside, group, plane, carry, visits_inside=_visits_inside(samples)
-        )
-        if samples.depths is None:
-            return visit_in_draw_order(colors, group.runs, layers, plane, state, tiling), flags
-        state = visit_by_depth(colors, samples.depths, group.runs, layers, plane, state, tiling)
-        return state, flags
-
-    start = _nothing_visited(samples, group.valid.shape, group.runs.cotangent)
-    return repeat(count_planes(masks), visit_plane, start)
-
-
-@functools.partial(materialized, static_argnames=("visits_inside",))
-def _compare_masks(
-    inside: UInt32[Array, "lines runs"],
-    outside: UInt32[Array, "lines runs"],
-    group: _Group,
-    plane: Int[Array, ""],
-    known: tuple[Surroundings, _SampleFlags],
-    *,
-    visits_inside: bool,
-) -> tuple[VisitedLayers, _SampleFlags]:
-    """Compare the layer masks of the two samples of each crossing, in one plane.
-
-    Returns the layers to visit, and the flags, in which those are set that follow from this plane.
-
-    - `inside`, `outside`: the masks of the samples inside and outside. If these samples lie in
-      different tiles, the bits of their masks stand for different entries, and `inside` is ignored.
-    - `known`: the surroundings and flags from the planes before.
-    - `visits_inside`: the result of `_visits_inside`.
-    """
-    no_bits = jnp.uint32(0)
-    tiles, (position, is_listed) = group.runs.tiles, group.listed
-    outside = jnp.where(group.valid, outside, no_bits)
-    inside = jnp.where(group.valid & group.is_one_list, inside, no_bits)
-    edge_triangle = jnp.where(is_listed, entry_bit(position, plane), no_bits)
-    edge_triangle = tiles.of_samples(edge_triangle)
-    in_front = tiles.of_samples(bits_before(position, plane))
-    front_inside = inside & in_front
-    inside_alone = front_inside & ~outside
-    if not visits_inside:
-        front_inside = front_inside & outside
-    state, flags = known
-    needed = still_matter(state)
-    layers = VisitedLayers(
-        *(
-            jnp.where(needed, mask, no_bits)
-            for mask in (outside & in_front, front_inside, outside & ~in_front & ~edge_triangle)
-        )
-    )
-    facts = inside_alone, inside & edge_triangle, outside & edge_triangle
-    return layers, _SampleFlags(
-        *(flag | (mask != 0) for flag, mask in zip(flags, facts, strict=True))
+) -> PartSamples:
+    """Collect the data of the samples outside, for whole runs instead of parts of runs."""
+    outside = crossings.outside
+    needs_sample = samples.depths is not None or colors.rows is None
+    return PartSamples(
+        outside.column % tiling.sample_columns,
+        outside.row % tiling.sample_rows,
+        outside if needs_sample else None,
+        edge_layer.triangle,
+        edge_layer.depth_outside,
+        cotangent,
     )
 
 
@@ -308,6 +168,8 @@ def _gain(
     added = values_of(color[: background.shape[0]], cotangent)
     under = over_background(state.behind, background, cotangent)
     dimming = jnp.minimum(state.in_front_inside, state.in_front_outside)
+    # Where it is not noticeable, some of the layers in front have not been visited.
+    dimming = jnp.where(is_noticeable(dimming), dimming, 0.0)
     if state.hidden is None or state.if_absent is None:
         return (added - color[3][None] * under) * dimming[None]
     before = over_background(state.if_absent, background, cotangent)

@@ -141,13 +141,13 @@ def locate_layers(masks: LayerMasks, sample: Sample, tiling: Tiling) -> SampleAd
 
 
 def gather_masks(
-    masks: LayerMasks, where: SampleAddress, plane: Int[Array, "*#samples"]
+    masks: LayerMasks, mask_index: Int[Array, "*samples"], plane: Int[Array, "*#samples"]
 ) -> UInt32[Array, "*samples"]:
-    """Gather the layer masks of the samples at `where`, in the plane of number `plane`.
+    """Gather layer masks by `SampleAddress.mask_index`, in the plane of number `plane`.
 
     `plane` is one number, or one for each sample.
     """
-    return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, where.mask_index)
+    return _gather(masks.masks.reshape(masks.masks.shape[0], -1), plane, mask_index)
 
 
 @materialized
@@ -201,7 +201,9 @@ def covers_sample(
     )
     # The position may be past the end of the list, and then past the last plane.
     plane = jnp.minimum(position // PLANE, masks.masks.shape[0] - 1)
-    return is_listed & (gather_masks(masks, where, plane) & entry_bit(position, plane) != 0)
+    return is_listed & (
+        gather_masks(masks, where.mask_index, plane) & entry_bit(position, plane) != 0
+    )
 
 
 @materialized

@@ -252,7 +252,7 @@ def _first_behind(
     """
 
     def visit_plane(plane: Int[Array, ""], layer: Int[Array, " lanes"]) -> Int[Array, " lanes"]:
-        mask = gather_masks(masks, where, plane) & ~bits_before(position, plane)
+        mask = gather_masks(masks, where.mask_index, plane) & ~bits_before(position, plane)
         entry = first_layer(mask, where.start, masks.lists.triangle, plane)
         return jnp.where((layer < 0) & (mask != 0), entry, layer)
 
@@ -312,7 +312,7 @@ def _added_color(
     where = locate_layers(masks, sample, tiling)
 
     def visit_plane(plane: Int[Array, ""], layers: _Layers) -> _Layers:
-        mask = gather_masks(masks, where, plane)
+        mask = gather_masks(masks, where.mask_index, plane)
 
         def visit(
             layers: _Layers, other: Int[Array, " lanes"], remaining: UInt32[Array, " lanes"]

@@ -122,7 +122,8 @@ def _look_inside(
 
     def visit_plane(plane: Int[Array, ""], state: InsideState) -> InsideState:
         inside, outside = (
-            gather_masks(masks, address, plane) for address in (lanes.inside, lanes.outside)
+            gather_masks(masks, address.mask_index, plane)
+            for address in (lanes.inside, lanes.outside)
         )
         later, covers = _split_mask(inside, outside, lanes.is_one_list, listed, plane, state)
 

@@ -1,4 +1,4 @@
-"""Colours of the triangles in the tile lists, as layers, at the samples of runs.
+"""Colours of the triangles in the tile lists, as layers, at the samples of parts of runs.
 
 Loops over layers read these colours in every step. Where colours are interpolated between corners,
 what a step needs of each listed triangle is packed before the loop (`run_colors`).
@@ -12,9 +12,8 @@ from jaxtyping import Array, Float, Int
 from ..binning.tiles import TileLists
 from ..geometry.tiling import Tiling
 from ..numerics.rows import Columns, Rows
-from .crossings import Sample
-from .run_colors import colors_of_runs, pack_colors, premultiply_runs
-from .run_tiles import RunTiles
+from .run_colors import colors_of_parts, pack_colors, premultiply_colors
+from .run_parts import PartSamples
 from .sample_colors import LayerColors
 
 
@@ -46,9 +45,9 @@ class ListedColors(NamedTuple):
         return cls(colors, lists.triangle, rows, alpha_rows)
 
     def gather(
-        self, pair: Int[Array, "2 runs"], step: Int[Array, ""], *, alpha_only: bool
-    ) -> Columns | Int[Array, "2 runs"]:
-        """Gather what `alpha` or `color` needs of one entry for each of the two tiles of a run.
+        self, pair: Int[Array, " parts"], step: Int[Array, ""], *, alpha_only: bool
+    ) -> Columns | Int[Array, " parts"]:
+        """Gather what `alpha` or `color` needs of one entry for each part of a run.
 
         The result is to be passed to `alpha` if `alpha_only` is true, else to `color`. `step` is as
         in `on_one_core`.
@@ -56,34 +55,26 @@ class ListedColors(NamedTuple):
         rows = self.alpha_rows if alpha_only else self.rows
         if rows is None:
             return self.triangle.at[pair].get(mode="promise_in_bounds")
-        return rows.gather(pair.reshape(-1), step, repeats=1)
+        return rows.gather(pair, step, repeats=1)
 
     def color(
-        self,
-        gathered: Columns | Int[Array, "2 runs"],
-        tiles: RunTiles,
-        sample: Sample,
-        tiling: Tiling,
-    ) -> Float[Array, "4 lines runs"]:
-        """Premultiplied RGBA of the gathered entries at each sample, covered or not.
+        self, gathered: Columns | Int[Array, " parts"], samples: PartSamples, tiling: Tiling
+    ) -> Float[Array, "4 #lines parts"]:
+        """Premultiplied RGBA of each part's gathered entry at the part's samples, covered or not.
 
-        The entry is that of the tile in which the sample lies. `tiles` are the tiles of `sample`.
+        Where each triangle has one colour, the axis of lines may have length 1.
         """
         if not isinstance(gathered, Columns):
-            return self.colors.at(tiles.of_samples(gathered), sample, tiling)
-        color = colors_of_runs(gathered, tiles)
-        if not self.colors.is_flat:
-            color = premultiply_runs(color)
-        return color
+            assert samples.sample is not None
+            triangle = jnp.broadcast_to(gathered[None], samples.column.shape)
+            return self.colors.at(triangle, samples.sample, tiling)
+        color = colors_of_parts(gathered, samples)
+        return color if self.colors.is_flat else premultiply_colors(color)
 
     def alpha(
-        self,
-        gathered: Columns | Int[Array, "2 runs"],
-        tiles: RunTiles,
-        sample: Sample,
-        tiling: Tiling,
-    ) -> Float[Array, "lines runs"]:
-        """Alpha of the gathered entries at each sample, as the last channel of `color`."""
+        self, gathered: Columns | Int[Array, " parts"], samples: PartSamples, tiling: Tiling
+    ) -> Float[Array, "#lines parts"]:
+        """Alpha of each part's gathered entry at the part's samples, as the last of `color`."""
         if not isinstance(gathered, Columns):
-            return self.color(gathered, tiles, sample, tiling)[3]
-        return colors_of_runs(gathered, tiles)[0]
+            return self.color(gathered, samples, tiling)[3]
+        return colors_of_parts(gathered, samples)[0]

@@ -1,8 +1,8 @@
-"""Colours of layers at the samples of runs, from data that are packed once per listed triangle.
+"""Colours of layers at the samples of parts of runs, from packed data of the listed triangles.
 
-A run is a group of successive crossings of one edge (`runs.Runs`). Its samples on one side of
-the edge lie in at most two tiles (`run_tiles`). A loop over layers gathers the data of two listed
-triangles for each run, one for each of its tiles, and computes a colour for each sample.
+A run is a group of successive crossings of one edge (`runs.Runs`). The samples of a part of a run
+lie in one tile (`run_parts`). A loop over layers gathers the data of one listed triangle for each
+part, and computes a colour for each sample.
 """
 
 import functools
@@ -12,16 +12,16 @@ from jaxtyping import Array, Float
 
 from ..binning.tiles import TileLists
 from ..color import premultiply
-from ..geometry.barycentric import AffineWeights, interpolate_corners, weights_at
+from ..geometry.barycentric import interpolate_corners, weights_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..numerics.rows import Columns, Rows, pack_rows
 from ..shading.corner_attributes import perspective_weights
 from ..shading.surface import Surface, gather_lanes
-from .run_tiles import RunTiles
+from .run_parts import PartSamples
 
-SampleWeights = tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]
-"""Barycentric weights of corners 1 and 2 of a triangle, at each sample of each run."""
+SampleWeights = tuple[Float[Array, "lines parts"], Float[Array, "lines parts"]]
+"""Barycentric weights of corners 1 and 2 of a triangle, at each sample of each part of a run."""
 
 
 def pack_colors(surface: Surface, lists: TileLists, tiling: Tiling) -> Rows:
@@ -39,54 +39,45 @@ def pack_colors(surface: Surface, lists: TileLists, tiling: Tiling) -> Rows:
     return pack_rows((corners.color, terms, corners.inverse_w))
 
 
-def colors_of_runs(columns: Columns, tiles: RunTiles) -> Float[Array, "channels lines runs"]:
-    """Compute the colour of a triangle at each sample of each run: one triangle per tile of a run.
+def colors_of_parts(
+    columns: Columns, samples: PartSamples
+) -> Float[Array, "channels #lines parts"]:
+    """Compute the colour of one triangle for each part of a run, at each sample of the part.
 
-    The triangle need not cover the sample. Colours have straight alpha if the packed colours have,
-    and each triangle with one colour has that colour. `columns` has the packed data of the
-    triangles in the first tiles of all runs, then of those in their second tiles.
+    The triangle need not cover the sample. Colours have straight alpha if the packed colours have.
+    Triangles of one colour have this colour, and the axis of lines has length 1. `columns` has the
+    packed data of the triangles.
     """
     color, terms, _ = columns.unpack()
     if terms is None:
-        return tiles.of_samples(_by_tile(color[0]))
+        return color[0][:, None]
     # In two calls, because one core does the work of calls that are short enough (`one_core`).
-    weights = materialized(_weights_of_runs)(columns, tiles)
-    return materialized(_interpolate_runs)(columns, weights, tiles)
+    weights = materialized(_weights_of_parts)(columns, samples)
+    return materialized(_interpolate)(columns, weights)
 
 
 @materialized
-def premultiply_runs(
-    color: Float[Array, "channels lines runs"],
-) -> Float[Array, "channels lines runs"]:
+def premultiply_colors(
+    color: Float[Array, "channels lines parts"],
+) -> Float[Array, "channels lines parts"]:
     """Multiply RGB by alpha; colours without alpha stay unchanged."""
     return premultiply(color, axis=0)
 
 
-def _by_tile(values: Array) -> Array:
-    """Split the last axis, first tiles and then second tiles of all runs: `[..., 2, runs]`."""
-    return values.reshape(*values.shape[:-1], 2, -1)
-
-
-def _weights_of_runs(columns: Columns, tiles: RunTiles) -> SampleWeights:
-    """Compute the barycentric weights of corners 1 and 2 at the samples of runs.
+def _weights_of_parts(columns: Columns, samples: PartSamples) -> SampleWeights:
+    """Compute the barycentric weights of corners 1 and 2 at each sample of each part.
 
     They are the weights on the triangle in space if there is perspective, else those on the screen.
     """
-    _, packed_terms, packed_w = columns.unpack()
-    terms: AffineWeights = jax.tree.map(lambda x: tiles.of_samples(_by_tile(x)), packed_terms)
-    second, third = weights_at(terms, tiles.column, tiles.row)
-    if packed_w is None:
-        return second, third
-    inverse_w = tiles.of_samples(_by_tile(packed_w))
+    terms, inverse_w = jax.tree.map(lambda entry: entry[..., None, :], columns.unpack()[1:])
+    second, third = weights_at(terms, samples.column, samples.row)
     return perspective_weights((1.0 - second - third, second, third), inverse_w)[1:]
 
 
-def _interpolate_runs(
-    columns: Columns, weights: SampleWeights, tiles: RunTiles
-) -> Float[Array, "channels lines runs"]:
-    """Interpolate the colours of the corners at the samples of runs, without premultiplying them.
+def _interpolate(columns: Columns, weights: SampleWeights) -> Float[Array, "channels lines parts"]:
+    """Interpolate the colours of the corners at each sample, without premultiplying them.
 
     `weights` are the barycentric weights of corners 1 and 2 at the samples.
     """
-    corners = tiles.of_samples(_by_tile(columns.unpack()[0]))
+    corners = columns.unpack()[0][:, :, None]
     return interpolate_corners(corners, weights[0][None], weights[1][None])

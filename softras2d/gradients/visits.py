@@ -15,14 +15,12 @@ from ..coverage.depth_test import Depths, depth_at
 from ..geometry.tiling import Tiling
 from ..numerics.fusion_barrier import materialized
 from ..numerics.rows import Columns
-from .crossings import Sample
 from .layered_samples import later_is_in_front
 from .listed_colors import ListedColors
-from .run_layers import RunLayer, visit_run_layers
-from .run_tiles import RunTiles
+from .run_layers import PartLayer, visit_part_layers
+from .run_parts import PartSamples
 from .surroundings import (
     Behind,
-    PixelCotangent,
     Surroundings,
     add_behind,
     still_matter_behind,
@@ -31,61 +29,48 @@ from .surroundings import (
 
 
 class VisitedLayers(NamedTuple):
-    """Masks of the layers to visit at each crossing, for 32 entries of a tile list (`LayerMasks`).
+    """The layers to visit at each crossing of parts of runs, among 32 entries of the tile lists.
 
     A layer is in front of the edge's triangle here if it is drawn later, and behind it if it is
-    drawn earlier.
+    drawn earlier. Layers are given as masks (`LayerMasks`).
 
+    - `list_start`: index in the tile lists of the first entry of the list of each part's tile.
+    - `plane`: number of the plane in which the masks are.
     - `front_outside`, `front_inside`: layers in front that dim the edge's triangle at the samples
       outside and inside. With depth, or with more than one colour per triangle, `front_inside` has
       only layers that cover both samples.
     - `behind`: layers of the sample outside that are behind.
     """
 
-    front_outside: UInt32[Array, "lines runs"]
-    front_inside: UInt32[Array, "lines runs"]
-    behind: UInt32[Array, "lines runs"]
-
-
-class RunSamples(NamedTuple):
-    """The samples outside the edges of a group of runs, and data of the edges' triangles there.
-
-    - `outside`: these samples, and `tiles` the tiles in which they lie.
-    - `triangle`: the triangle of each run's edge.
-    - `depth`: depth of this triangle at the samples; None without depth.
-    - `cotangent`: cotangent of the pixel of each crossing, or None (`PixelCotangent`).
-    """
-
-    outside: Sample
-    tiles: RunTiles
-    triangle: Int[Array, " runs"]
-    depth: Float[Array, "lines runs"] | None
-    cotangent: PixelCotangent
+    list_start: Int[Array, " parts"]
+    plane: Int[Array, ""]
+    front_outside: UInt32[Array, "lines parts"]
+    front_inside: UInt32[Array, "lines parts"]
+    behind: UInt32[Array, "lines parts"]
 
 
 def visit_in_draw_order(
     colors: ListedColors,
-    runs: RunSamples,
+    samples: PartSamples,
     layers: VisitedLayers,
-    plane: Int[Array, ""],
     state: Surroundings,
     tiling: Tiling,
 ) -> Surroundings:
-    """Add the layers of one plane to the surroundings, in a scene without depth.
+    """Add the layers of one plane to the surroundings, in a scene without depth."""
 
-    `plane` is the number of the plane from which the masks in `layers` are.
-    """
-
-    def visit_front(in_front: tuple[Array, Array], layer: RunLayer) -> tuple[Array, Array]:
+    def visit_front(in_front: tuple[Array, Array], layer: PartLayer) -> tuple[Array, Array]:
         gathered = colors.gather(layer.pair, layer.step, alpha_only=True)
-        return _dim(in_front, colors, gathered, layer.bit, layers, runs, tiling=tiling)
+        return _dim(in_front, colors, gathered, layer.bit, layers, samples, tiling=tiling)
 
-    def visit_behind(behind: Behind, layer: RunLayer) -> Behind:
+    def visit_behind(behind: Behind, layer: PartLayer) -> Behind:
         gathered = colors.gather(layer.pair, layer.step, alpha_only=False)
-        return _add_behind(behind, colors, gathered, layer.bit, layers, runs, tiling=tiling)
+        return _add_behind(behind, colors, gathered, layer.bit, layers, samples, tiling=tiling)
 
     visit_all = functools.partial(
-        visit_run_layers, tiles=runs.tiles, plane=plane, pairs=colors.triangle.shape[0]
+        visit_part_layers,
+        list_start=layers.list_start,
+        plane=layers.plane,
+        pairs=colors.triangle.shape[0],
     )
     in_front = state.in_front_outside, state.in_front_inside
     in_front_mask = layers.front_outside | layers.front_inside
@@ -99,32 +84,34 @@ def visit_in_draw_order(
 
 @materialized
 def _without_unseen(
-    behind: UInt32[Array, "lines runs"], state: Surroundings
-) -> UInt32[Array, "lines runs"]:
+    behind: UInt32[Array, "lines parts"], state: Surroundings
+) -> UInt32[Array, "lines parts"]:
     """Remove the layers behind whose effect is too small to notice (`still_matter_behind`)."""
     return jnp.where(still_matter_behind(state), behind, jnp.uint32(0))
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _dim(
-    in_front: tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]],
+    in_front: tuple[Float[Array, "lines parts"], Float[Array, "lines parts"]],
     colors: ListedColors,
-    gathered: Columns | Int[Array, "2 runs"],
-    bit: UInt32[Array, "2 runs"],
+    gathered: Columns | Int[Array, " parts"],
+    bit: UInt32[Array, " parts"],
     layers: VisitedLayers,
-    runs: RunSamples,
+    samples: PartSamples,
     *,
     tiling: Tiling,
-) -> tuple[Float[Array, "lines runs"], Float[Array, "lines runs"]]:
+) -> tuple[Float[Array, "lines parts"], Float[Array, "lines parts"]]:
     """Multiply the transmittances at the samples outside and inside by that of the next layer.
 
-    `gathered` and `bit` are of the next entry of each tile (`RunLayer`).
+    `gathered` and `bit` are of the next layer of each part (`PartLayer`).
     """
-    alpha = colors.alpha(gathered, runs.tiles, runs.outside, tiling)
-    bits = runs.tiles.of_samples(bit)
+    alpha = colors.alpha(gathered, samples, tiling)
+    bits = bit[None]
     outside, inside = (
         transmittance * jnp.where((mask & bits) != 0, 1.0 - alpha, 1.0)
-        for transmittance, mask in zip(in_front, layers[:2], strict=True)
+        for transmittance, mask in zip(
+            in_front, (layers.front_outside, layers.front_inside), strict=True
+        )
     )
     return outside, inside
 
@@ -133,60 +120,56 @@ def _dim(
 def _add_behind(
     behind: Behind,
     colors: ListedColors,
-    gathered: Columns | Int[Array, "2 runs"],
-    bit: UInt32[Array, "2 runs"],
+    gathered: Columns | Int[Array, " parts"],
+    bit: UInt32[Array, " parts"],
     layers: VisitedLayers,
-    runs: RunSamples,
+    samples: PartSamples,
     *,
     tiling: Tiling,
 ) -> Behind:
     """Composite the next layer behind the others; `gathered` and `bit` are as in `_dim`."""
-    color = colors.color(gathered, runs.tiles, runs.outside, tiling)
-    is_behind = (layers.behind & runs.tiles.of_samples(bit)) != 0
-    return add_behind(behind, values_of(color, runs.cotangent), color[-1], is_behind)
+    color = colors.color(gathered, samples, tiling)
+    is_behind = (layers.behind & bit[None]) != 0
+    return add_behind(behind, values_of(color, samples.cotangent), color[-1], is_behind)
 
 
 def visit_by_depth(
     colors: ListedColors,
     depths: Depths,
-    runs: RunSamples,
+    samples: PartSamples,
     layers: VisitedLayers,
-    plane: Int[Array, ""],
     state: Surroundings,
     tiling: Tiling,
 ) -> Surroundings:
-    """Add the layers of one plane to the surroundings, in a scene with depth.
+    """Add the layers of one plane to the surroundings, in a scene with depth."""
 
-    `plane` is the number of the plane from which the masks in `layers` are.
-    """
-
-    def visit(state: Surroundings, layer: RunLayer) -> Surroundings:
+    def visit(state: Surroundings, layer: PartLayer) -> Surroundings:
         gathered = colors.gather(layer.pair, layer.step, alpha_only=False)
-        triangle = runs.tiles.of_samples(colors.triangle[layer.pair])
+        triangle = jnp.broadcast_to(colors.triangle[layer.pair][None], samples.column.shape)
         is_later_in_front = later_is_in_front(
             triangle,
-            runs.triangle[None],
-            depth_at(depths, triangle, runs.outside, tiling),
-            runs.depth,
+            samples.triangle[None],
+            depth_at(depths, triangle, samples.sample, tiling),
+            samples.depth,
         )
         return _add_by_depth(
-            state, colors, gathered, layer.bit, layers, is_later_in_front, runs, tiling=tiling
+            state, colors, gathered, layer.bit, layers, is_later_in_front, samples, tiling=tiling
         )
 
     mask = layers.front_outside | layers.behind
     pairs = colors.triangle.shape[0]
-    return visit_run_layers(mask, runs.tiles, plane, visit, state, pairs=pairs)
+    return visit_part_layers(mask, layers.list_start, layers.plane, visit, state, pairs=pairs)
 
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _add_by_depth(
     state: Surroundings,
     colors: ListedColors,
-    gathered: Columns | Int[Array, "2 runs"],
-    bit: UInt32[Array, "2 runs"],
+    gathered: Columns | Int[Array, " parts"],
+    bit: UInt32[Array, " parts"],
     layers: VisitedLayers,
-    is_later_in_front: Bool[Array, "lines runs"],
-    runs: RunSamples,
+    is_later_in_front: Bool[Array, "lines parts"],
+    samples: PartSamples,
     *,
     tiling: Tiling,
 ) -> Surroundings:
@@ -196,10 +179,10 @@ def _add_by_depth(
     edge's triangle, the one that is drawn later lies in front.
     """
     assert state.hidden is not None and state.if_absent is not None
-    color = colors.color(gathered, runs.tiles, runs.outside, tiling)
-    values, alpha = values_of(color, runs.cotangent), color[-1]
-    bits = runs.tiles.of_samples(bit)
-    is_later, is_later_at_both, is_earlier = ((mask & bits) != 0 for mask in layers)
+    color = colors.color(gathered, samples, tiling)
+    values, alpha = values_of(color, samples.cotangent), color[-1]
+    bits = bit[None]
+    is_later, is_later_at_both, is_earlier = ((mask & bits) != 0 for mask in layers[2:])
     outside, inside = (
         transmittance * jnp.where(is_layer & is_later_in_front, 1.0 - alpha, 1.0)
         for transmittance, is_layer in (

@@ -37,7 +37,7 @@ def test_masks_hold_the_layers_of_each_sample_in_order():
     covered = dense_weights(np.round(soup * 2.0**plan.grid.bits) / 2.0**plan.grid.bits)[1]
     found = np.zeros_like(covered)
     for plane in range(2):
-        mask = np.asarray(gather_masks(masks, where, jnp.asarray(plane)))
+        mask = np.asarray(gather_masks(masks, where.mask_index, jnp.asarray(plane)))
         for bit in range(32):
             entry = np.clip(np.asarray(where.start) + 32 * plane + bit, 0, words.shape[0] - 1)
             samples = np.flatnonzero((mask >> np.uint32(bit)) & np.uint32(1))

@@ -6,13 +6,14 @@ lines that one edge crosses.
 
 from collections import Counter
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softras2d as sr
 from softras2d.gradients.crossings import find_crossings
-from softras2d.gradients.run_tiles import tiles_of_runs
+from softras2d.gradients.run_parts import cut_runs, gather_last
 from softras2d.gradients.runs import LINES, count_runs, list_runs
 from softras2d.planning.worst_case import worst_case
 from softras2d.rendering.visible_samples import bin_scene
@@ -93,20 +94,30 @@ def _crossings_on_canvas(sides, first, count, grid) -> int:
 
 
 @pytest.mark.parametrize("samples", [16, *(slowly(count) for count in (1, 9, 256))])
-def test_the_samples_outside_a_run_lie_in_its_two_tiles(samples):
+def test_every_sample_outside_belongs_to_the_part_of_its_tile(samples):
     crossed_edges, plan = _crossed_edges(samples)
     _, crossings = _crossings(crossed_edges, plan.tiling)
     tiling = plan.tiling
     column, row = (np.asarray(axis) for axis in crossings.outside)
     tile = row // tiling.sample_rows * tiling.columns + column // tiling.sample_columns
-    starts = jnp.arange(tiling.count, dtype=jnp.int32) * 10
-    tiles = tiles_of_runs(
-        crossings.outside, jnp.asarray(tile), crossings.valid, starts, tiling=tiling
-    )
-    np.testing.assert_array_equal(tiles.column, column % tiling.sample_columns)
-    np.testing.assert_array_equal(tiles.row, row % tiling.sample_rows)
+    parts = jax.tree.map(np.asarray, cut_runs(jnp.asarray(tile), crossings.valid))
     valid = np.asarray(crossings.valid)
-    np.testing.assert_array_equal(np.asarray(tiles.of_samples(tiles.tile))[valid], tile[valid])
-    np.testing.assert_array_equal(np.asarray(tiles.start), 10 * np.asarray(tiles.tile))
+    runs = valid.shape[1]
+    run = np.broadcast_to(np.arange(runs), valid.shape)
+    np.testing.assert_array_equal(parts.run[parts.part][valid], run[valid])
+    np.testing.assert_array_equal(parts.tile[parts.part][valid], tile[valid])
+    assert (parts.part[valid] < parts.count).all()
     # The scene must have runs that lie in two tiles, or the test would check little.
-    assert np.asarray(tiles.is_second).any()
+    in_two = sum(len(set(tile[valid[:, k], k])) == 2 for k in range(runs))
+    assert in_two and parts.count == runs + in_two
+    assert (parts.run[parts.count :] == runs).all()
+
+
+def test_entries_are_gathered_along_the_last_axis():
+    rng = np.random.default_rng(0)
+    entry, index = rng.normal(size=(3, 4, 10)), rng.integers(0, 13, (4, 6))
+    for one in (index, index[0]):
+        clipped = np.minimum(one, 9)
+        expected = np.take_along_axis(entry, np.broadcast_to(clipped, (3, 4, 6)), -1)
+        gathered = gather_last(jnp.asarray(entry), jnp.asarray(one, jnp.int32))
+        np.testing.assert_array_equal(gathered, jnp.asarray(expected))
