@@ -7,7 +7,8 @@ triangles, which move with the vertices (`interior_term`).
 `boundary_term` adds up all crossings: `edge_motion` multiplies the speed of each by the jump of
 colour there. In an opaque scene, `color_jumps` compares the triangles that are visible on both
 sides of the edge. In a translucent scene, `edge_gains` computes the colour that the edge's triangle
-adds between the layers in front of it and those behind it.
+adds between the layers in front of it and those behind it. It reads from `layer_masks` which layers
+the samples have, and visits them tile by tile (`part_groups`, `layer_visits`).
 
 Terms in this folder:
 
@@ -20,6 +21,8 @@ Terms in this folder:
   triangles of negative area. Edges are numbered 3 triangle + side.
 - *Run*: up to eight successive lines that one edge crosses (`runs.Runs`). Arrays `[lines,
   runs]` have one entry for each line of each run.
+- *Part* of a run: those of its samples outside that lie in one tile (`run_parts`). Arrays `[lines,
+  parts]` have one entry for each line of each part.
 - *Layer* of a sample: a triangle that covers the sample and passes the depth test there.
 - *Lane*: one index of arrays of a fixed length. All lanes are computed at once, whether they are
   used or not.

@@ -1,9 +1,9 @@
 """The colour that a translucent triangle adds at its edge, between the layers in front and behind.
 
 An edge passes between two samples (`crossings`). All layers of the sample outside are visited from
-the front (`visits`). Layers in front of the edge's triangle dim it by their transmittance. The
-layers behind it are composited, under a depth test twice, with and without the triangle: there, a
-triangle that is drawn later but lies deeper is visible only without it.
+the front (`layer_visits`). Layers in front of the edge's triangle dim it by their transmittance.
+Layers behind it are composited. Under a depth test this is done twice, with the triangle and
+without it, because a triangle that is drawn later but lies deeper is visible only without it.
 
 The transmittance in front of the triangle may differ between the two samples. The smaller one is
 used, because a layer that ends between the samples has a crossing itself. Layers in front that

@@ -1,7 +1,7 @@
 """Colours of the triangles in the tile lists, as layers, at the samples of parts of runs.
 
 Loops over layers read these colours in every step. Where colours are interpolated between corners,
-what a step needs of each listed triangle is packed before the loop (`run_colors`).
+what a step needs of each listed triangle is packed before the loop (`part_colors`).
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..binning.tiles import TileLists
 from ..geometry.tiling import Tiling
 from ..numerics.rows import Columns, Rows
-from .run_colors import colors_of_parts, pack_colors, premultiply_colors
+from .part_colors import colors_of_parts, pack_colors, premultiply_colors
 from .run_parts import PartSamples
 from .sample_colors import LayerColors
 

@@ -22,11 +22,11 @@ from .layer_masks import (
     find_in_lists,
     gather_masks,
 )
+from .layer_visits import VisitedLayers, visit_by_depth, visit_in_draw_order
 from .layered_samples import LayeredSamples
 from .listed_colors import ListedColors
 from .run_parts import PartSamples, RunParts, cut_runs, gather_last
 from .surroundings import PixelCotangent, Surroundings, no_layers, still_matter
-from .visits import VisitedLayers, visit_by_depth, visit_in_draw_order
 
 GROUP = 1024
 """Number of parts of runs whose layers are visited together.

@@ -57,7 +57,7 @@ class PartSamples(NamedTuple):
 def cut_runs(tile: Int[Array, "lines runs"], valid: Bool[Array, "lines runs"]) -> RunParts:
     """Cut runs into parts; `tile` is the tile of the sample outside of each crossing.
 
-    `valid` says which crossings are valid. A sample without one belongs to no part.
+    `valid` says which crossings are valid. The sample of an invalid crossing belongs to no part.
     """
     runs = tile.shape[1]
     greatest = jnp.iinfo(jnp.int32).max

@@ -1,8 +1,9 @@
 """What lies in front of the triangle of an edge and behind it, at the crossings of the edge.
 
-The loops over layers (`visits`) add one layer after another to `Surroundings`. Colours behind the
-edge's triangle are kept as `values`: all channels for a jvp. For a vjp only their dot product with
-the cotangent of the crossing's pixel is needed, which is one number.
+The loops over layers (`layer_visits`) add one layer after another to `Surroundings`. For a jvp, all
+channels of the colour behind the edge's triangle are needed. For a vjp, its dot product with the
+cotangent of the crossing's pixel is enough, which is one number. Both are called the `values` of
+the colour.
 """
 
 from typing import NamedTuple

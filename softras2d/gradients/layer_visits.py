@@ -17,7 +17,7 @@ from ..numerics.fusion_barrier import materialized
 from ..numerics.rows import Columns
 from .layered_samples import later_is_in_front
 from .listed_colors import ListedColors
-from .run_layers import PartLayer, visit_part_layers
+from .part_layers import PartLayer, visit_part_layers
 from .run_parts import PartSamples
 from .surroundings import (
     Behind,
@@ -58,28 +58,28 @@ def visit_in_draw_order(
 ) -> Surroundings:
     """Add the layers of one plane to the surroundings, in a scene without depth."""
 
-    def visit_front(in_front: tuple[Array, Array], layer: PartLayer) -> tuple[Array, Array]:
-        gathered = colors.gather(layer.pair, layer.step, alpha_only=True)
-        return _dim(in_front, colors, gathered, layer.bit, layers, samples, tiling=tiling)
-
-    def visit_behind(behind: Behind, layer: PartLayer) -> Behind:
-        gathered = colors.gather(layer.pair, layer.step, alpha_only=False)
-        return _add_behind(behind, colors, gathered, layer.bit, layers, samples, tiling=tiling)
-
     visit_all = functools.partial(
         visit_part_layers,
         list_start=layers.list_start,
         plane=layers.plane,
         pairs=colors.triangle.shape[0],
     )
+
+    def visit_front(in_front: tuple[Array, Array], layer: PartLayer) -> tuple[Array, Array]:
+        gathered = colors.gather(layer.pair, layer.step, alpha_only=True)
+        return _dim(in_front, colors, gathered, layer.bit, layers, samples, tiling=tiling)
+
     in_front = state.in_front_outside, state.in_front_inside
     in_front_mask = layers.front_outside | layers.front_inside
     outside, inside = visit_all(in_front_mask, visit=visit_front, state=in_front)
     state = state._replace(in_front_outside=outside, in_front_inside=inside)
-    # Read from within `visit_behind` too.
-    layers = layers._replace(behind=_without_unseen(layers.behind, state))
-    behind = visit_all(layers.behind, visit=visit_behind, state=state.behind)
-    return state._replace(behind=behind)
+    mask = _without_unseen(layers.behind, state)
+
+    def visit_behind(behind: Behind, layer: PartLayer) -> Behind:
+        gathered = colors.gather(layer.pair, layer.step, alpha_only=False)
+        return _add_behind(behind, colors, gathered, layer.bit, mask, samples, tiling=tiling)
+
+    return state._replace(behind=visit_all(mask, visit=visit_behind, state=state.behind))
 
 
 @materialized
@@ -103,7 +103,8 @@ def _dim(
 ) -> tuple[Float[Array, "lines parts"], Float[Array, "lines parts"]]:
     """Multiply the transmittances at the samples outside and inside by that of the next layer.
 
-    `gathered` and `bit` are of the next layer of each part (`PartLayer`).
+    `gathered` is the result of `ListedColors.gather` for the next layer of each part, and `bit` is
+    its bit (`PartLayer`).
     """
     alpha = colors.alpha(gathered, samples, tiling)
     bits = bit[None]
@@ -122,14 +123,17 @@ def _add_behind(
     colors: ListedColors,
     gathered: Columns | Int[Array, " parts"],
     bit: UInt32[Array, " parts"],
-    layers: VisitedLayers,
+    mask: UInt32[Array, "lines parts"],
     samples: PartSamples,
     *,
     tiling: Tiling,
 ) -> Behind:
-    """Composite the next layer behind the others; `gathered` and `bit` are as in `_dim`."""
+    """Composite the next layer behind the others, at the samples whose `mask` has its bit.
+
+    `gathered` and `bit` are as in `_dim`.
+    """
     color = colors.color(gathered, samples, tiling)
-    is_behind = (layers.behind & bit[None]) != 0
+    is_behind = (mask & bit[None]) != 0
     return add_behind(behind, values_of(color, samples.cotangent), color[-1], is_behind)
 
 
