@@ -15,6 +15,9 @@ _KEYWORDS = {
     )
 }
 
+_INHERITED = ("inherit", "unset", "revert", "revert-layer")
+"""Values of `font` that keep the parent's font size."""
+
 _FONTS_WITHOUT_SIZE = (
     "inherit", "unset", "initial", "revert", "revert-layer", "caption", "icon", "menu",
     "message-box", "small-caption", "status-bar",
@@ -52,12 +55,12 @@ def shorthand_size(text: str, parent_size: float, viewport: Viewport) -> float |
     `parent_size` and `viewport` are as for `font_size_of`. The size is the first word of `text`
     that is a font size. If the word has a `/`, what follows it is the line height, and is ignored.
     Numbers other than `0` are skipped: they are weights, as sizes have units in CSS. The keywords
-    `inherit` and `unset` give `parent_size`, and the others of `_FONTS_WITHOUT_SIZE` give `MEDIUM`.
+    of `_INHERITED` give `parent_size`, and the others of `_FONTS_WITHOUT_SIZE` give `MEDIUM`.
     Returns None if the first 16 words have no size, which makes the value invalid.
     """
     keyword = text.strip().lower()
     if keyword in _FONTS_WITHOUT_SIZE:
-        return parent_size if keyword in ("inherit", "unset") else MEDIUM
+        return parent_size if keyword in _INHERITED else MEDIUM
     for word in text.split()[:16]:
         word = word.partition("/")[0]
         if is_number(word) and word != "0":

@@ -175,6 +175,8 @@ class ClipPaths:
             lengths = ElementLengths(page, child, declared, style)
             map3 = map3 @ affine_maps.translate(lengths.read("x"), lengths.read("y"))
             shape = page.target(child.attrib.get("href"))
+            if shape is not None and shape.name == "text":
+                page.not_drawn(NOT_DRAWN, shape)
             if shape is None or shape.name not in SHAPES or not meets_conditions(shape):
                 return None
             declared = page.declared(shape)
@@ -183,7 +185,7 @@ class ClipPaths:
                 return None
             map3 = map_of_element(page, shape, declared, style, map3)
             clipped.append((shape, style, map3))
-        if shape.name == "text":
+        elif shape.name == "text":
             page.not_drawn(NOT_DRAWN, shape)
         if shape.name not in SHAPES or style.visibility != "visible":
             return None

@@ -168,6 +168,11 @@ def test_the_font_shorthand_sets_the_size():
     assert style(style="font: 10px a; font-size: 12px")[0].font_size == 12
     assert style(style="font-size: 12px; font: larger a")[0].font_size == pytest.approx(19.2)
     assert style(font_size="12", style="font: inherit")[0].font_size == 16
+    group, _ = style(font_size="20")
+    for keyword in ("inherit", "unset", "revert", "revert-layer"):
+        assert style(group, style=f"font: {keyword}")[0].font_size == 20
+        assert style(group, style=f"font-size: {keyword}")[0].font_size == 20
+    assert style(group, style="font: initial")[0].font_size == 16
 
 
 @pytest.mark.parametrize(

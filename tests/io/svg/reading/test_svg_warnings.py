@@ -106,3 +106,13 @@ def test_no_warning_without_need():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read('<g id="a" class="b" stroke-dasharray="none" mask="none" xml:space="preserve"/>')
+
+
+@pytest.mark.parametrize("child", ['<use href="#t"/>', "<text>x</text>"])
+def test_text_in_a_clip_path_is_named(child):
+    body = (
+        f'<defs><text id="t">x</text><clipPath id="c">{child}</clipPath></defs>'
+        '<rect width="9" height="9" clip-path="url(#c)"/>'
+    )
+    with pytest.warns(UserWarning, match="not drawn: <text>"):
+        read(body)
