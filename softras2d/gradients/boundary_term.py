@@ -48,7 +48,7 @@ from .layer_pairs import LayerPairs
 from .layered_samples import LayeredSamples
 from .listed_colors import ListedColors
 from .opaque_pairs import OpaquePairs
-from .part_groups import GROUP
+from .part_groups import group_size
 from .runs import CrossedEdges, Runs, list_runs
 from .sample_colors import OpaqueSamples
 from .sample_pairs import PairSearch
@@ -249,7 +249,7 @@ def _for_all_crossings(
     removed first. Returns the last total.
     """
     block = min(_BLOCK, max(shape.max_runs, 1))
-    block += -block % min(GROUP, block)
+    block += -block % group_size(block)
     blocks = -(-shape.max_runs // block)
     runs = list_runs(
         crossed_edges.first,

@@ -28,11 +28,19 @@ from .listed_colors import ListedColors
 from .run_parts import PartSamples, RunParts, cut_runs, gather_last
 from .surroundings import PixelCotangent, Surroundings, no_layers, still_matter
 
-GROUP = 1024
-"""Number of parts of runs whose layers are visited together.
+_MOST, _MULTIPLE = 1024, 64
+"""Largest number of parts of runs in a group, and a number of which each group has a multiple.
 
-They are so few that one core keeps their data in its cache (`numerics.one_core`). With 100 layers
-over each pixel, half or twice as many take as long."""
+The largest is so small that one core keeps the data of a group in its cache (`numerics.one_core`).
+With 100 layers over each pixel, half or twice as many take as long."""
+
+
+def group_size(runs: int) -> int:
+    """Number of parts of runs whose layers are visited together, for a list of `runs` runs.
+
+    There are up to four groups of first parts, so that the few second parts do not take as long.
+    """
+    return min(_MOST, -(-runs // (4 * _MULTIPLE)) * _MULTIPLE)
 
 
 class LocatedCrossings(NamedTuple):
@@ -101,10 +109,10 @@ def visit_groups(
 ) -> tuple[Surroundings, CrossingFlags]:
     """Visit the layers of the samples outside of all runs, one group of parts after another.
 
-    `located` are the crossings of runs, of which there are at most `GROUP` or a multiple of it.
+    `located` are the crossings of runs, whose number is a multiple of its `group_size`.
     """
     lines, runs = located.valid.shape
-    size = min(GROUP, max(runs, 1))
+    size = group_size(runs)
     assert runs % size == 0
     parts = cut_runs(located.outside_tile, located.valid)
 
