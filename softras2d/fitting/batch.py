@@ -231,9 +231,9 @@ def _weight_maps(weights: Any, earlier: list[FitResult | None]) -> list[Any]:
     """Return, for each target, the weights of its pixels, or None for each if there are none.
 
     - `weights`: the argument of `fit_batch`, one map for all targets or one map for each. It is
-      used for new fits only.
-    - `earlier`: for each fit, the result that it resumes, which has its weights, divided by their
-      mean; or None. Other weights are returned as they were given.
+      used for new fits only, whose weights are returned as they were given.
+    - `earlier`: for each fit, the result that it resumes, or None. A fit that resumes a result has
+      the weights in that result, which have been divided by their mean.
 
     Raises `ValueError` if only some of the targets have weights, or for another number of maps.
     """

@@ -29,9 +29,9 @@ _CHUNK_PER_MEASUREMENT = 10.0
 computing the PSNR and SSIM after the chunk takes."""
 
 _MIN_CHUNKS = 8
-"""Divisor of a limit of steps that gives, rounded up, the largest number of steps of a chunk.
+"""Divisor of a limit of steps; the quotient, rounded up, is the largest number of steps of a chunk.
 
-Triangles are added between chunks, so there must be several."""
+Triangles are added between chunks, so there must be several chunks."""
 
 
 class Limits(NamedTuple):
@@ -99,11 +99,13 @@ class Budget(NamedTuple):
     def share(self, steps: int, compiled_at: float | None) -> float:
         """Share of the fit that is done after a total of `steps` steps, from 0; at 1 it is done.
 
-        If the limit is a number of steps, this is `steps` divided by it, or 1 if the limit is 0. It
-        exceeds 1 where the resumed fit took more steps. If the limit is a deadline, it is the time
-        used, divided by the sum of it and the time left for steps, or 0 if both are 0, so that a
-        new fit takes at least one chunk. The time used is that of the resumed fit plus that since
-        `compiled_at`. The seconds reserved for the end of the fit do not count as left.
+        If the limit is a number of steps, the share is `steps` divided by the limit, or 1 if the
+        limit is 0. It exceeds 1 if the resumed fit took more steps than the limit.
+
+        If the limit is a deadline, the share is t / (t + r), where t is the time used and r the
+        time left for steps. It is 0 if both are 0, so that a new fit takes at least one chunk. The
+        time used is that of the resumed fit plus the time since `compiled_at`. The time left does
+        not include the seconds that are reserved for the end of the fit.
 
         `compiled_at`: when the first chunk of this call ended, on the clock of `time.perf_counter`;
         None before that.
@@ -134,9 +136,9 @@ class Budget(NamedTuple):
         """Number of steps of the next chunk, after a total of `steps` steps; at most `max_steps`.
 
         If the limit is a number of steps, a chunk has at most an eighth of it (`_MIN_CHUNKS`),
-        rounded up, and no more than the steps that are left. If it is a deadline, a chunk has at
-        least one step. More steps should take half a second or, if that is longer, ten times
-        `measure_seconds`; but no longer than the time that is left.
+        rounded up, and no more than the steps that are left. If it is a deadline, a chunk should
+        take half a second or ten times `measure_seconds`, whichever is longer, but no longer than
+        the time that is left for steps. It has at least one step.
 
         - `step_seconds`: how long a step takes; None if it is not known, which makes the result 1
           if there is a deadline.

@@ -73,9 +73,9 @@ def advance_fits(
 
 
 def _update_colors(fit: AbstractFit) -> None:
-    """Set a fit's unknowns to the colours of least squared error, if its option asks for that.
+    """Solve for the colours of least squared error, if a fit has the option `colors="solve"`.
 
-    It does if the option `colors` is `"solve"`; otherwise nothing changes.
+    They replace the colours among the unknowns of the fit. With another option, nothing changes.
     """
     if fit.request.solves_colors:
         y = best_colors(fit.residual, fit.progress.y, fit.data, fit.request.loss.light)

@@ -32,8 +32,8 @@ class FitRequest(NamedTuple):
 
     - `target`: the image and its weights, at the size of the fit.
     - `settings`: the arguments of `fit`, checked and completed by `choices`.
-    - `start`: the name of a start, or a `Scene` or `Mesh` in pixels of the fit. It is
-      `choices.FROM_OBJECT` in a resumed fit that once started from a scene or a mesh.
+    - `start`: a name that the option `start` accepts, or a `Scene` or `Mesh` in pixels of the fit.
+      It is `choices.FROM_OBJECT` in a resumed fit that once started from a scene or a mesh.
     - `loss`: the error to be minimised.
     - `solver`: the optimizer.
     - `seed`: the seed of all random choices.
@@ -41,12 +41,13 @@ class FitRequest(NamedTuple):
     - `resume_state`: the saved arrays of the fit to be resumed, by name, or None for a new fit. The
       constructor reads from them only what fixes the shapes of the fit (for a mesh, the mesh
       itself); `AbstractFit.restore_family_state` restores the other values later.
-    - `must_start()`: returns whether the search for initial triangles should end with what it has,
-      because of its time limit or of Ctrl-C. If it is only the time, the search may go on while the
-      fit waits for its program.
+    - `must_start()`: returns whether the search for initial triangles should end with the triangles
+      that it has, because its time is up or Ctrl-C was pressed. If only its time is up, the search
+      may go on until the program of the fit's steps is compiled.
     - `is_interrupted()`: returns whether Ctrl-C was pressed. No step will then be taken.
-    - `early_chunk_steps`: largest number of steps of a chunk, for which a family may compile the
-      program while it still makes the start; None if the fit is advanced together with others.
+    - `early_chunk_steps`: the largest number of steps of a chunk. A family may compile the program
+      for it while it still makes the initial triangles. None if it must not do so, because the fit
+      is advanced together with others.
     - `masks`: the boolean masks of the option `freeze`, by the names `"vertices"` and
       `"triangles"`, true where frozen. A name that the user did not give is absent.
     """
@@ -68,8 +69,8 @@ class FitRequest(NamedTuple):
     def exchanges(self) -> bool:
         """Whether, between chunks of steps, some triangles or vertices are replaced by new ones.
 
-        The new ones lie where the error is large. This is so for `start="error"`, unless the option
-        `freeze` names anything.
+        The new ones lie where the error is large. The answer is true for `start="error"`, unless
+        the option `freeze` names anything.
         """
         return self.places_by_error and not self.settings["freeze"]
 
@@ -90,7 +91,8 @@ class FitRequest(NamedTuple):
     def starts_from_object(self) -> bool:
         """Whether the user gave a scene or a mesh as the option `start`.
 
-        In a resumed fit, the option of the earlier fit counts. `LayersFit.retarget` sets it, too.
+        In a resumed fit, the option of the earlier fit counts. The answer is also true after
+        `LayersFit.retarget`, which continues with another target from the triangles so far.
         """
         start = self.settings["start"]
         return not isinstance(start, str) or start not in get_args(names.FitStart)
@@ -125,8 +127,8 @@ class AbstractFit(abc.ABC):
       the fit. Before the first step it is the background (layers) or the target (mesh).
     - `active`: number of triangles in use. They come first in the arrays; the other triangles are
       spare, and are not visible.
-    - `last_exchange`: share of the fit that was done, 0..1, at the last exchange, even if nothing
-      could be exchanged then; 0 if there was none.
+    - `last_exchange`: share of the fit that was done, 0..1, at the last exchange of triangles or
+      vertices for new ones, even if none could be exchanged then; 0 if there was no exchange.
     """
 
     request: FitRequest
@@ -191,7 +193,7 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def refine(self, share: float) -> None:
-        """Improve the fit before a chunk of steps, on the host.
+        """Improve the fit on the host before a chunk of steps, as by adding or moving triangles.
 
         `progress` and `data` may change, but not the shapes of their arrays, so that the compiled
         program can be used again.
@@ -222,9 +224,10 @@ class AbstractFit(abc.ABC):
 
     @abc.abstractmethod
     def family_state(self) -> dict[str, np.ndarray]:
-        """Return the arrays to be saved, by name, that `state.save_state` does not make itself.
+        """Return the arrays, by name, that are saved for a fit of this family only.
 
-        The names are part of the file format.
+        `state.save_state` adds them to the arrays that it saves for all families. The names are
+        part of the file format.
         """
 
     @abc.abstractmethod

@@ -93,16 +93,17 @@ def fit(
     - `light`: colour space in which the loss is computed: `"display"` (sRGB) or `"linear"`.
     - `weights`: `[height, width]`, 0 or more: factors for the squared or absolute error of each
       pixel of the target. They are divided by their mean. A function as `loss` takes none.
-    - `start`: with `"error"`, triangles of layers are added during the fit where the error is
-      largest, and vertices of a mesh are inserted there before the first step; during the fit,
-      those that matter least are replaced by new ones there. With any other start, all triangles
-      exist from the beginning, and none are added or replaced: `"uniform"`, random triangles, or a
-      mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are denser where the
-      image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in pixels of the fit.
+    - `start`: with `"error"`, triangles of layers are added during the fit, and vertices of a mesh
+      are inserted before the first step, where the error is largest. During the fit, the triangles
+      or vertices that matter least are replaced by new ones there. With any other start, all
+      triangles exist from the beginning, and none is added or replaced: `"uniform"`, random
+      triangles, or a mesh of evenly spaced points; `"delaunay"`, a mesh of random points that are
+      denser where the image changes; a `Scene` in pixels of the target (layers); or a `Mesh` in
+      pixels of the fit.
     - `palette`: the colours that triangles may have: at most 256 RGB values in 0..1 (or `uint8`),
       `[colours, 3]`, or a number of colours, which the fit then chooses. Each triangle has one of
-      them, and so has the background of layers if the fit chooses an opaque one. For
-      `shading="flat"` and `colors="together"`.
+      these colours. So has the background of layers, if it is opaque and chosen by the fit. A
+      palette needs `shading="flat"` and `colors="together"`.
     - `freeze`: what is not changed: `"positions"`, `"colors"` or `"opacity"`, or a list of these.
       Or a mapping, which may have these names with the value True, and `"triangles"` or, for a
       mesh, `"vertices"` with a boolean mask of the triangles or vertices of the scene or mesh to
@@ -111,7 +112,7 @@ def fit(
       added to layers. Their positions, colours or opacity, if frozen, do not change after that. No
       triangle is replaced by a new one.
     - `background`: colour behind layers. `"mean"` is the background of a scene to start from, if
-      there is one; else transparent if the target has alpha, or its mean colour. `"fit"`: the
+      there is one; else transparent, if the target has alpha; else its mean colour. `"fit"`: the
       colour is fitted, for opaque targets. A colour, RGB in 0..1 (or `uint8`), is not changed.
       `"transparent"`: nothing is behind the layers, and an opaque target gets an alpha of 1. A
       mesh, which hides any background, takes only `"mean"`.
@@ -207,8 +208,9 @@ def _fit_to_the_end(
 
     If Ctrl-C ended the steps, colours are not solved for. With a `callback`, they are solved for
     only at the size of the fit, not again at the size of the target. After the first Ctrl-C, the
-    result so far is written to `checkpoint`, if there is one, and returned. After the second, it is
-    written too, or `Task.unscored_result` if it is not made yet, and `KeyboardInterrupt` is raised.
+    result so far is written to `checkpoint`, if there is one, and returned. After the second,
+    `KeyboardInterrupt` is raised. Before that, the result is written to `checkpoint` or, if it is
+    not made yet, `Task.unscored_result`.
     """
     result = None
     try:

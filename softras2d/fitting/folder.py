@@ -82,10 +82,11 @@ class Fitted(NamedTuple):
 def size_class(height: int, width: int, size: int) -> SizeClass:
     """Choose the size class to which a picture is shrunk, of about the picture's aspect ratio.
 
-    Neither side is longer than in the picture. The longer side of the class is the largest that
-    allows this, of `size` and the powers of two below it. The shorter side is k sixteenths of it,
-    rounded down, and at least 1 pixel. Here k is 16 times the aspect ratio of the picture (shorter
-    by longer side), rounded down, and at least 1.
+    The longer side of the class is `size` or a power of two below `size`: the largest of these
+    numbers that does not exceed the longer side of the picture. The shorter side is k sixteenths of
+    the longer one, rounded down, where k is 16 times the aspect ratio of the picture (shorter by
+    longer side), rounded down, and at least 1. The shorter side is at least 1 pixel, and at most
+    the shorter side of the picture.
 
     - `height`, `width`: size of the picture in pixels.
     - `size`: largest number of pixels along the longer side of the class.

@@ -25,16 +25,16 @@ from .target import Image, Target
 from .task import Task
 
 _STILL_CHANGE = 8 / 255
-"""Change of a pixel of the target between two frames at which the temporal weight has fallen to
-1/e.
+"""Change of a pixel of the target between two frames for which the weight of similarity to the
+frame before (`temporal` of `fit_frames`) falls to 1/e.
 
 The change of a pixel is the largest change of any of its channels, in 0..1. This value lies above
 the noise of cameras."""
 
 _LATER_FRAMES_START = 0.7
-"""Share of a fit of layers (see `layers.schedule`) after which the learning rate falls.
+"""Share of a fit at which the schedule of each frame but the first begins (see `layers.schedule`).
 
-The schedule of each frame but the first begins at this share."""
+At this share, the learning rate begins to fall."""
 
 
 def fit_frames(

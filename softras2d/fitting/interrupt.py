@@ -18,7 +18,7 @@ class Interrupt:
     def raise_if_repeated(self) -> None:
         """Raise `KeyboardInterrupt` if Ctrl-C has been pressed twice.
 
-        The second one has raised it already, but in a function that may have caught it.
+        The second Ctrl-C has raised the exception already, but a function may have caught it.
         """
         if self.repeated:
             raise KeyboardInterrupt

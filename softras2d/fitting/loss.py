@@ -126,8 +126,8 @@ def _absolute(image: Array, target: Array, weights: Array | None) -> Float[Array
 def _with_ssim(image: Array, target: Array, weights: Array | None) -> Float[Array, ""]:
     """Sum of the weighted squared errors over pixels and channels, plus a multiple of 1 - SSIM.
 
-    The multiple is `_SSIM_SHARE` times the number of pixels and of channels. `image`, `target`: as
-    `Loss.prepare` returns them.
+    The multiple is `_SSIM_SHARE` times the number of pixels times the number of channels. `image`,
+    `target`: as `Loss.prepare` returns them.
     """
     error = _squared(image, target, weights)
     return jnp.sum(error * error) + _SSIM_SHARE * error.size * (1.0 - ssim(image, target))

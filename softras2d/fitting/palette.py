@@ -49,9 +49,10 @@ _BOUND_COUNT, _ROUNDS_PER_BOUND = 2, 4
 the fit chooses the palette, rounds of k-means for each bound."""
 
 _LEAST_WEIGHT = 1e-6
-"""Least curvature of a triangle's parabola; with less, its present colour counts as its best.
+"""Least curvature of the parabola that bounds the squared error as a function of a colour.
 
-The curvature is about the number of pixels in which the triangle is visible."""
+With less curvature, the present colour of a triangle counts as its best. The module explains the
+parabolas. The curvature is about the number of pixels in which the triangle is visible."""
 
 
 LEAST_CHANGE = 1 / 1024
@@ -168,9 +169,9 @@ def quantize(
     """Assign a colour of the palette to each flat triangle, so that the squared error is low.
 
     The squared error is computed from sRGB values, multiplied by the weights of the pixels, and
-    summed over pixels and channels, whatever the loss of the fit. For an opaque image it does not
-    rise, but for rounding, if the colours in `y`, and the background if it gets one, are of the
-    palette already.
+    summed over pixels and channels, whatever the loss of the fit. For an opaque image whose colours
+    are all of the palette already, the error does not rise, but for rounding. If
+    `quantizes_background` is true, the background counts among these colours.
 
     - `residual`: the residual of the fit (`AbstractFit.residual`), of which only the image is used.
     - `y`: the unknowns, in which frozen numbers have their fixed values.

@@ -197,10 +197,11 @@ def settings_to_save(settings: dict[str, Any]) -> dict[str, Any]:
 def settings_to_resume(settings: dict[str, Any], earlier: FitResult) -> dict[str, Any]:
     """Return the settings with which to resume the fit of which `earlier` is the result.
 
-    They are the settings of that fit, with its size in place of None, which files of earlier
-    versions may have. However, the settings of a result have no solver object and no loss function.
-    If the earlier fit had one, it is taken from `settings`, the arguments of the present call.
-    Raises `ValueError` if it is missing there, or if the solver is of another type.
+    They are the settings of that fit. Where its `size` is None, as in files of earlier versions,
+    the actual size of the fit takes its place. The settings of a result contain no solver object
+    and no loss function. If the earlier fit had one of these, it is taken from `settings`, the
+    arguments of the present call. Raises `ValueError` if `settings` lacks the loss function, or has
+    no solver object of the same type.
     """
     solver_name, solver = earlier.settings["solver"], settings["solver"]
     resumed = dict(earlier.settings)

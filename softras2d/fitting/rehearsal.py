@@ -16,11 +16,14 @@ from ..scene import Scene
 _INTERVAL = 10.0
 """Least time between two rehearsals, as a multiple of the time that the end of the fit takes.
 
-Rehearsals share the processor with the fit, so they must be rare."""
+`Rehearsal` draws and scores scenes while the fit runs. It shares the processor with the fit, so
+rehearsals must be rare."""
 
 _LEAST_TIME_LEFT = 3.0
-"""Least time until the last step for a rehearsal to begin, as a multiple of the time that the end
-of the fit takes. A rehearsal that begins later would delay the end."""
+"""Least time until the last step at which a rehearsal may still begin, as a multiple of the time
+that the end of the fit takes.
+
+A rehearsal that begins later would delay the end."""
 
 _COMPILED_TIME_FACTOR = 3.0
 """Multiple of the expected duration of a rehearsal.

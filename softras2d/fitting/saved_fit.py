@@ -46,8 +46,8 @@ def read_facts(entries: Entries) -> tuple[dict[str, Any], bool]:
     """Read the array `facts`, JSON; return the fit's settings, and whether the fit was interrupted.
 
     Settings that files of earlier versions lack have the values of `steering.DEFAULTS`. Raises
-    `ValueError` for anything but an object in JSON that has this format, settings that a fit can
-    have, and `interrupted` as a boolean.
+    `ValueError` unless the text is a JSON object with the fields `format`, equal to `FORMAT`;
+    `settings`, valid settings of a fit; and `interrupted`, a boolean.
     """
     data = entries.take("facts", np.uint8, ("bytes",))
     if data.size > _MAX_FACTS_BYTES:

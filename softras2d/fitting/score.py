@@ -20,7 +20,8 @@ from ..scene import Scene
 class Score(NamedTuple):
     """An image of a scene, and its scores against the target.
 
-    - `image`: with straight alpha.
+    - `image`: sRGB values, `[height, width, 3 or 4]`, with straight alpha if there are four
+      channels.
     - `psnr`: in dB; infinite if the image is equal to the target.
     - `ssim`: structural similarity, 1 if the image is equal to the target.
 
@@ -33,7 +34,8 @@ class Score(NamedTuple):
 
 
 _STRIP_PIXELS = 2**20
-"""Pixels of a strip, in which SSIM is computed at once; larger images are cut into strips."""
+"""Number of pixels for which SSIM is computed at once; larger images are cut into strips of rows
+of about so many pixels."""
 
 _HEADROOM = 1.5
 """Capacity of a plan for scoring, as a multiple of what its scene needs.

@@ -122,10 +122,10 @@ def advance_each(
     - `progresses`: the state of each solve.
     - `args`: for each solve, the second argument of `residual`, its data.
     - `max_steps`: as in `advance`.
-    - `devices`: devices to which the solves are dealt in blocks of one length, except that the
-      last block may be shorter and that there may be more devices than blocks. They run the same
-      program, without any communication, and the arrays of the result are on the first of them.
-      None: JAX's first device takes all.
+    - `devices`: devices that share the solves. The solves are divided into blocks of one length,
+      one for each device; the last block may be shorter, and the last devices may get none. All
+      devices run the same program, without any communication. The arrays of the result are on the
+      first device. None: JAX's first device takes all solves.
     """
     max_steps = steps if max_steps is None else max_steps
     solves = [
@@ -232,9 +232,9 @@ def forget_best(progress: Progress) -> Progress:
 def _keep_best(solver: Solver, residual: Residual) -> tuple[Solver, Residual]:
     """Wrap a solver so that it remembers the unknowns of least loss, and wrap its residual to suit.
 
-    Returns the wrapped solver and function. The wrapped function returns `(out, (loss, aux))`, with
-    the `aux` of the residual. For least-squares solvers `out` is the residual; for other solvers it
-    is the loss.
+    Returns the wrapped solver and function. The wrapped function returns `(out, (loss, aux))`,
+    where `aux` is the second value that `residual` returns. For least-squares solvers, `out` is the
+    first value that `residual` returns; for other solvers it is the loss.
     """
 
     def with_loss(y: Any, args: Any) -> tuple[Any, Any]:

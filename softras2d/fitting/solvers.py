@@ -37,8 +37,9 @@ class ByProducts(optx.AbstractGaussNewton):
     """A Gauss-Newton method that uses the Jacobian only in products with vectors.
 
     `descent`: computes a step, by Levenberg-Marquardt or by dogleg. The tolerances `rtol` and
-    `atol` are 0, because the fit decides when to stop. `search` trusts steps more if they reach the
-    fraction `_TRUST` of the predicted decrease, and `verbose` reports nothing.
+    `atol`, to which optimistix compares the `norm` of a change, are 0, because the fit decides when
+    to stop. `search` trusts steps more if they reach the fraction `_TRUST` of the predicted
+    decrease, and `verbose` reports nothing.
     """
 
     rtol: float
@@ -87,7 +88,7 @@ def _silent(**_: Any) -> None:
 def _adam(learning_rate: float) -> optx.OptaxMinimiser:
     """Make Adam, with an initial learning rate that `solve.set_learning_rate` can change later.
 
-    Both of its tolerances are 0, so only a limit of steps ends it.
+    Both of its tolerances are 0, so it never ends by itself: the fit decides when to stop.
     """
     # The state holds the learning rate, so that the host can lower it without compiling again.
     adam = optax.inject_hyperparams(optax.adam, static_args=_FIXED)(learning_rate, b2=0.99)
@@ -99,7 +100,7 @@ _FIXED = ("b1", "b2", "eps", "eps_root", "mu_dtype", "nesterov")
 
 
 class NamedSolver(NamedTuple):
-    """A row of the table of solvers.
+    """A row of `SOLVERS`, the table of optimizers that the option `solver` can name.
 
     - `make`: function that makes the solver. Its argument is a learning rate, which only Adam uses.
     - `adjustable_rate`: whether a fit may lower the learning rate between chunks of steps, by

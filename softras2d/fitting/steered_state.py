@@ -35,9 +35,9 @@ def steered_state(
 def check_steered_state(
     entries: Entries, settings: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> None:
-    """Check the arrays that `steered_state` returned, and the masks; a fault is a `ValueError`.
+    """Check the arrays that `steered_state` returned, and the masks of the option `freeze`.
 
-    The types, shapes and ranges are checked. A mask may have any length.
+    Raises `ValueError` for a wrong type, shape or range. A mask may have any length.
 
     - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `settings`: the settings of the saved fit.

@@ -38,9 +38,9 @@ def normalize_palette(palette: Any) -> Any:
 def check_palette(settings: dict[str, Any]) -> None:
     """Raise `ValueError` unless the setting `palette` is valid and agrees with the others.
 
-    Valid are None, an integer in 1..`MAX_PALETTE`, the number of colours, and a list of
-    1..`MAX_PALETTE` RGB lists in 0..1. Unless it is None, the settings `shading` and `colors` must
-    be `"flat"` and `"together"`.
+    It must be None; or a number of colours, an integer in 1..`MAX_PALETTE`; or a list of 1 to
+    `MAX_PALETTE` colours, each a list of three numbers in 0..1. Unless it is None, the settings
+    `shading` and `colors` must be `"flat"` and `"together"`.
     """
     palette = settings["palette"]
     if palette is None:

@@ -30,7 +30,7 @@ scene from which the fit continues, or None to change nothing."""
 class Task:
     """A fit of one target, with the history of the fit and a scorer for its result.
 
-    - `target`: the image and its weights, at the size of the image.
+    - `target`: the image and its weights, at their original size.
     - `settings`: the arguments of `fit`, checked and completed by `choices`.
     - `frame`: the size of the fit, in pixels, which may be smaller than the target.
     - `fit`: the state of the fit, an `AbstractFit` of the family that the settings name.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class FamilyTraits(NamedTuple):
-    """The option values that one fit family accepts, a row of `TRAITS`.
+    """The option values that one fit family, `"layers"` or `"mesh"`, accepts: a row of `TRAITS`.
 
     - `shadings`, `default_shading`: the values of the option `shading`, and its default.
     - `default_size`: pixels along the longer side of the image during the fit, if the option `size`

@@ -17,6 +17,6 @@ For a vertex of a mesh, `MeshData.scale` takes its place, which may be smaller.
 def clip_straight_through(values: Array) -> Array:
     """Clip values to 0..1, up to rounding, but with a derivative of 1 everywhere.
 
-    The gradient of an unknown outside 0..1 can therefore bring it back.
+    A value outside 0..1 therefore still has a gradient, which can bring the value back.
     """
     return values + jax.lax.stop_gradient(jnp.clip(values, 0.0, 1.0) - values)
