@@ -98,7 +98,7 @@ def find_exchange(
     - `target`, `background`: premultiplied, at the size of the fit.
     - `active`: number of triangles in use, which are the first ones of `y`.
     - `circumradius`: typical circumradius of a new triangle, in pixels of the fit.
-    - `palette`: the colours that a new triangle may have; None: any.
+    - `palette`: the colours that a new triangle may have; None: any colour.
     """
     length = len(y.corners)
     corners, colors, opacity = jax.tree.map(lambda leaf: np.asarray(leaf)[:active], y)

@@ -157,10 +157,10 @@ class LayersFit(AbstractFit):
         return self._scene_of(self._with_frozen_values(self.progress.y), slice(self.active))
 
     def go_on_from(self, scene: Scene) -> None:
-        """Take over `scene`, with its background, and forget the best unknowns so far.
+        """Continue from `scene` and its background, and forget the best unknowns so far.
 
-        Frozen unknowns keep their values. If the triangles have got colours of the palette, each
-        colour becomes the nearest of the palette. An opacity is the mean alpha of the corners.
+        Frozen unknowns keep their values. Once triangles have colours of the palette, each colour
+        becomes the nearest of the palette. A triangle's opacity becomes its corners' mean alpha.
         """
         corners, colors = scene.positions[scene.triangles] / POSITION_UNIT, scene.colors[..., :3]
         if self._is_quantized and self._palette is not None:

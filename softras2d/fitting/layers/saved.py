@@ -20,8 +20,9 @@ def pack(
 ) -> dict[str, np.ndarray]:
     """Return the arrays, by name, that are saved for a fit of layers only.
 
-    - `best`: loss and unknowns of the best before triangles were last added or replaced, or None.
-      They are saved as the arrays `kept` and `kept.0`, `kept.1`, ..., which are absent for None.
+    - `best`: the least loss before triangles were last added or replaced, and its unknowns, or
+      None. They are saved as the arrays `kept` and `kept.0`, `kept.1`, ..., which are absent for
+      None.
     - `overshoot`: how far corners may lie outside the canvas, as in `canvas.near_canvas`. It is
       saved as the array `beyond`.
     - `width`: the width of soft edges, in pixels of the fit, saved as the array `width`.
@@ -62,7 +63,7 @@ def restore_generator(rng: np.random.Generator, arrays: dict[str, np.ndarray]) -
 
 
 def length_of(arrays: dict[str, Any]) -> int:
-    """Number of triangles in the arrays of a saved fit of layers, with those not in use yet.
+    """Number of triangles in the arrays of a saved fit of layers, including those not in use yet.
 
     `arrays`: all arrays of the saved state, by name.
     """

@@ -42,9 +42,10 @@ _SHARPENED = 0.5
 
 
 def triangles_to_add(share: float, active: int, total: int) -> int:
-    """Number of triangles to add at this share; 0 if too few are missing to be worth an addition.
+    """Number of triangles to add at this share of the fit; 0 if it is not worth adding so few.
 
-    They are worth it from a twentieth of `active` on, and always if they are the last ones.
+    The number that should be in use grows until `GROWTH_END`, as the module says. The missing
+    triangles are added if they are at least a twentieth of `active`, or if they are the last ones.
 
     - `share`: share of the fit that is done, 0..1.
     - `active`: number of triangles in use.
@@ -58,10 +59,10 @@ def triangles_to_add(share: float, active: int, total: int) -> int:
 
 
 def is_exchange_due(share: float, last_exchange: float) -> bool:
-    """Whether an exchange is due at the share `share` of the fit that is done, 0..1.
+    """Whether an exchange of triangles is due at the share `share` of the fit that is done, 0..1.
 
-    The caller makes it only if all triangles are in use. An exchange is due before
-    `_LAST_EXCHANGE`, once `_EXCHANGE_INTERVAL` has passed since the last exchange.
+    An exchange is due before `_LAST_EXCHANGE`, if a share of at least `_EXCHANGE_INTERVAL` has
+    passed since the last one. The caller makes the exchange only if all triangles are in use.
 
     `last_exchange`: the share at the last exchange; 0 if there was none.
     """

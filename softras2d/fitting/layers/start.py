@@ -75,12 +75,16 @@ def background_of(
 ) -> Float[np.ndarray, " channels"]:
     """Choose the background at the start of the fit, with as many channels as the target.
 
-    `option` is the value of the option `background`. A colour is returned, with alpha 1 if the
-    target has alpha; `"transparent"` gives zeros. For `"mean"` and `"fit"`, the background is that
-    of `start` if this is a scene; if the target has no alpha, that of the scene is dropped, and if
-    only the target has alpha, an alpha of 1 is added. Otherwise it is transparent if the target has
-    alpha, and else the weighted mean colour of the target. Raises `ValueError` for `"fit"` and a
-    target with alpha.
+    It depends on `option`, the value of the option `background`:
+
+    - A colour is returned, with alpha 1 if the target has alpha.
+    - `"transparent"` gives zeros.
+    - `"mean"` and `"fit"` give the background of `start` if `start` is a scene. The alpha of that
+      background is dropped if the target has no alpha; an alpha of 1 is added if only the target
+      has alpha. Without a scene, they give zeros, which are transparent, if the target has alpha,
+      and otherwise the weighted mean colour of the target.
+
+    Raises `ValueError` for `"fit"` and a target with alpha.
     """
     channels = target.image.shape[-1]
     if isinstance(option, list):

@@ -31,9 +31,9 @@ def frozen_fields(request: FitRequest, *, has_fixed_colors: bool) -> dict[str, b
 def has_palette_background(request: FitRequest, background: Float[np.ndarray, " channels"]) -> bool:
     """Whether the background must have a colour of the palette.
 
-    It must if there is a palette, and the fit chooses an opaque background itself. A colour that
-    the user gave, the background of a scene to start from, unless the option `background` is
-    `"fit"`, and a background with alpha stay as they are.
+    It must if there is a palette, and the fit chooses an opaque background itself. The fit does not
+    choose a background with alpha, a colour that the user gave, or, unless the option `background`
+    is `"fit"`, the background of a scene to start from.
 
     `background`: the present background.
     """
