@@ -101,9 +101,10 @@ def mesh_pixels(mesh: Mesh) -> PixelWeights:
 def target_at_pairs(
     pairs: PixelWeights, target: Target
 ) -> tuple[Float[np.ndarray, "channels pairs"], Float[np.ndarray, " pairs"] | None]:
-    """Gather the target's channels and its weight, as float64, at the pixel of each pair.
+    """Gather the target's channels and weights, as float64, at the pixel of each pair in `pairs`.
 
-    The second result is None if the target has no weights.
+    A pair is a triangle and a pixel whose centre lies in it. The second result is None if the
+    target has no weights.
     """
     image, weights = target
     values = image.reshape(-1, image.shape[2]).T.astype(np.float64)[:, pairs.pixel]
@@ -113,7 +114,7 @@ def target_at_pairs(
 
 
 def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorModel) -> Colors:
-    """Compute the colours that `solve_colors` does, from the moments of each triangle.
+    """Compute the same colours as `solve_colors`, but from the moments of each triangle.
 
     `image`: the target's image, from whose pixels the initial guess is taken.
     """
@@ -180,7 +181,7 @@ def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerCol
 def interpolate(
     pairs: PixelWeights, corner_colors: CornerColors
 ) -> Float[np.ndarray, "channels pairs"]:
-    """Interpolate the corner colours of a pair's triangle at the pixel centre of the pair.
+    """Interpolate the corner colours of triangles at the pixel centre of each pair in `pairs`.
 
     A pair is a triangle and a pixel whose centre lies in it.
     """

@@ -20,7 +20,9 @@ from .unknowns import MeshResidual, mesh_plan, mesh_scene
 
 
 class EarlyProgram:
-    """Compile the program that takes steps of a fit, in another thread and for an early mesh.
+    """Compiles the program of a fit's steps in another thread, before the initial mesh is final.
+
+    The program is compiled for a mesh of the search for the initial mesh (see `compile_for`).
 
     - `request`: the request of the fit. Nothing is compiled early if its `early_chunk_steps` is
       None.

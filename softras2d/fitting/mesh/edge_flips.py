@@ -27,8 +27,9 @@ _MAX_ROUNDS = 1000
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
-    Vertices stay. Flips for which only rounding asks, or that would make a triangle of at most 1e-9
-    square pixels, are left out. After `_MAX_ROUNDS` rounds the mesh is returned as it is.
+    Vertices stay. A flip is left out if only rounding errors may ask for it, or if it would make a
+    triangle of at most 1e-9 square pixels. After `_MAX_ROUNDS` rounds the mesh is returned as it
+    is.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """

@@ -118,9 +118,9 @@ class MeshFit(AbstractFit):
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Make `mesh`, its data and its unknowns `y` those of the fit, and begin a new solve there.
+        """Give the fit a mesh, its data and its unknowns `y`, and begin a new solve at `y`.
 
-        The steps count from 0 again.
+        The number of steps becomes 0.
         """
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
@@ -166,8 +166,8 @@ class MeshFit(AbstractFit):
 
         Vertices move only as far as no triangle is flipped, and what is frozen stays. If triangles
         already have colours of the palette, each colour is replaced by the nearest colour of the
-        palette. If vertices have colours, each takes that of the last corner at it in `scene`. The
-        best unknowns so far are forgotten.
+        palette. With one colour per vertex, a vertex takes the colour of the last corner in `scene`
+        that lies at this vertex. The best unknowns so far are forgotten.
         """
         # A coordinate whose goal is NaN stays.
         goals = np.where(self.data.free, np.asarray(scene.positions, np.float64), np.nan)
@@ -209,8 +209,8 @@ class MeshFit(AbstractFit):
     def polish(self) -> None:
         """Replace the unknowns by the best so far, with the colours of least squared error.
 
-        Frozen colours stay. The best unknowns are then forgotten. A plan that is too small for the
-        new ones is replaced.
+        Frozen colours stay. The record of the best unknowns is then cleared. A plan that is too
+        small for the new unknowns is replaced.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None

@@ -44,14 +44,16 @@ _DAMPING_FACTORS = 0.4, 8.0
 """Factors of the damping after a step that lowers the error, and after a try that does not."""
 
 _COLOR_RIDGE, _POSITION_RIDGE = 1e-4, 1e-1
-"""Numbers added to the diagonal entries of colours and of free coordinates, whatever the damping.
+"""Numbers added to the diagonal of the matrix of the normal equations, whatever the damping is.
 
-They keep vertices in place that hardly change the image, as in a region of one colour."""
+The first is for the colours, the second for the free coordinates. They keep vertices in place that
+hardly change the image, as in a region of one colour."""
 
 _LONGEST_MOVE = 1.5
 """Longest move of a vertex in one step, in pixels along each axis.
 
-The image is linear in the position of a vertex only within about the size of its features."""
+The image is linear in the position of a vertex only within about the size of the features of the
+image."""
 
 _MAX_ITERATIONS = 25
 """Maximum number of iterations of conjugate gradients for one step."""

@@ -16,8 +16,9 @@ def initial_mesh(request: FitRequest, model: ColorModel, early: EarlyProgram) ->
     The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the fit.
 
     - `model`: the colour model of the fit.
-    - `early`: with `start="error"`, begins to compile when `error_start` calls `has_settled`. While
-      it compiles, the start is improved even if `request.must_start` returns true.
+    - `early`: compiles the program of the fit's steps. With `start="error"`, it begins when
+      `error_start` calls `has_settled`. While it compiles, the mesh is improved further, even if
+      `request.must_start` returns true, unless Ctrl-C was pressed.
     """
     target, start, seed = request.target, request.start, request.seed
     height, width = target.image.shape[:2]

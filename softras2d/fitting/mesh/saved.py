@@ -70,7 +70,7 @@ def _check_mesh(entries: Entries, name: str, size: Size, limit: int, active: int
     """Check that a saved mesh tiles the canvas, else raise `ValueError`; return its vertex count.
 
     - `entries`: the arrays of the saved fit. Those of the mesh are removed.
-    - `name`: the first words of the names of these arrays, as in `mesh_arrays`.
+    - `name`: the prefix of the names of these arrays, as in `mesh_arrays`.
     - `size`: size of the fit, which is the canvas.
     - `limit`: the largest allowed number of vertices.
     - `active`: the required number of triangles; None allows any.

@@ -36,7 +36,9 @@ _STEPS = 3
 """Largest number of Gauss-Newton steps after each exchange, with one colour per vertex."""
 
 _SETTLED = 3
-"""Number of exchanges after which the number of triangles that meet a tile hardly changes."""
+"""Number of exchanges of `error_start` after which the cost of drawing the mesh hardly changes.
+
+The cost depends on the number of triangles that meet a tile of the image."""
 
 _UNIFORM_DENSITY = 0.2
 """Fraction of the mean image gradient that `delaunay_start` adds to the gradient of each pixel, so
@@ -122,7 +124,7 @@ def error_start(
     - `seed`: seed of the uniform mesh with which the first round begins.
     - `exchanges`: number of rounds at the end; None: 10 for one colour per vertex, otherwise 16.
     - `must_start()`: asked before each round, and in a round before each Gauss-Newton step; if it
-      returns true, no further one begins.
+      returns true, no further round or step begins.
     - `has_settled(mesh)`: called once, after `_SETTLED` of the rounds at the end, with a mesh about
       as costly to draw as the final one; not called if there is no round after that.
 

@@ -28,9 +28,10 @@ def frozen_colors(
     """Return which colours are frozen, as the argument `masks` of `frozen.freeze`.
 
     The result has at most one entry, `"colors"`. It is True if all colours are frozen. Otherwise it
-    is a mask, true where frozen: what `frozen_vertices` returns (and raises) if `model` is
-    `"vertex"`; for the other models the user's mask of triangles, and without one there is no
-    entry. Frozen positions have no entry, because `MeshData.free` keeps them from moving.
+    is a mask, true where frozen. For the model `"vertex"`, `frozen_vertices` makes this mask, and
+    may raise `ValueError`. For the other models, it is the user's mask of triangles; without such a
+    mask, there is no entry. Frozen positions have no entry, because `MeshData.free` keeps them from
+    moving.
 
     `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     """
