@@ -1,4 +1,5 @@
 """The fit family `mesh`: triangles that share vertices and tile the canvas without overlap.
 
-An *exchange* collapses vertices that matter little, and inserts as many where the error is large.
+To *collapse* a vertex is to move it onto a neighbour, which removes it. An *exchange* collapses
+vertices whose removal raises the error least, and inserts as many where the error is large.
 """

@@ -1,8 +1,8 @@
 """Make the arrays of a fit from a mesh: the unknowns of the solver, and the data of the residual.
 
 The numbers of vertices and of triangles in the arrays do not change during a fit, so that one
-compiled program serves it. Since the number of triangles of a mesh changes a little when vertices
-are exchanged, the arrays of triangles have spare entries.
+compiled program serves the whole fit. The number of triangles of a mesh changes a little when
+vertices are exchanged (see `exchange`). Therefore the arrays of triangles have spare entries.
 """
 
 import numpy as np
@@ -32,11 +32,14 @@ def data_and_unknowns(
     has_fixed_colors: bool,
     scale: Float[np.ndarray, "vertices 1"] | None = None,
 ) -> tuple[MeshData, MeshUnknowns]:
-    """Make the data and the unknowns of a mesh, with clipped colours of least squared error.
+    """Make the data of the residual and the unknowns of the solver, for a fit of `mesh`.
+
+    The unknowns have the positions of the mesh, and the colours of least squared error, clipped to
+    0..1. Raises `ValueError` as `steering.frozen_vertices` does.
 
     - `mesh`: with positions in pixels of the fit.
     - `request`: the request of the fit, with the target, the loss, and what is frozen.
-    - `model`: the colour model, which says how many colours there are.
+    - `model`: whether there is a colour for each vertex, triangle, or triangle corner.
     - `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     - `scale`: pixels per unit of position, as in `MeshData.scale`; None: it is computed from the
       altitudes of the triangles.
@@ -71,8 +74,9 @@ def data_and_unknowns(
 def padded_colors(colors: Colors, model: ColorModel, capacity: int) -> Float[Array, "..."]:
     """Convert colours, as `solve_colors` returns them, to the unknowns `MeshUnknowns.colors`.
 
-    The result is float32. One colour per vertex keeps its shape. For the other colour models, zeros
-    are appended for the spare triangles.
+    The result is float32. For the colour model `"vertex"` it has the shape of `colors`. Otherwise
+    it is `[capacity, 1, channels]` for `"triangle"` and `[capacity, 3, channels]` for `"linear"`,
+    with zeros for the spare triangles.
 
     `capacity`: number of triangles in the arrays, including spare triangles, which are not visible.
     """

@@ -26,8 +26,8 @@ class Collapses(NamedTuple):
     neighbour vanishes; the others remain and are changed. There is one *entry* for each pair of a
     candidate and a triangle around its vertex. Entries are sorted by candidate.
 
-    - `vertex`, `neighbor`: for each candidate, the vertex that it removes, and the vertex onto
-      which it moves that one.
+    - `vertex`, `neighbor`: for each candidate, the vertex that is removed, and the neighbour onto
+      which this vertex is moved.
     - `candidate`, `triangle`: for each entry, the index of its candidate and of its triangle.
     - `corners_after`: for each entry, the three vertices of its triangle after the collapse, two of
       which are equal if it vanishes.
@@ -75,13 +75,15 @@ def collapse(
     model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Remove up to `count` vertices, whose removal raises the squared error least.
+    """Remove up to `count` vertices whose removal raises the squared error least; return the mesh.
 
-    Each is moved onto a neighbour. The squared error is weighted and summed over pixels and
-    channels. The corners of the canvas stay, and a vertex on a side is moved along that side. No
-    two removed vertices share a triangle. Exact costs are computed only for the candidates with the
-    least estimated cost, `_EXAMINED` for each vertex to be removed. Fewer vertices are removed if
-    too few of these can be chosen together.
+    A vertex is removed by moving it onto a neighbour. The squared error is weighted and summed over
+    pixels and channels. The corners of the canvas stay, and a vertex on a side is moved along that
+    side. No two removed vertices share a triangle.
+
+    The rise in squared error is estimated for all vertices. It is computed exactly only for the
+    `_EXAMINED * count` vertices with the least estimates, and only these can be removed. Fewer than
+    `count` vertices are removed if too many of these share triangles.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.
@@ -108,8 +110,8 @@ def _candidates(mesh: Mesh, least_area: float) -> Collapses:
     """List every allowed collapse of a vertex onto a neighbour.
 
     A vertex on a side of the canvas may only move along that side, and a corner of the canvas may
-    not move. Every triangle that the collapse changes must keep its orientation, and have an area
-    of at least `least_area` square pixels.
+    not move. Every triangle that the collapse changes, but does not remove, must keep its
+    orientation, and have an area of at least `least_area` square pixels.
     """
     triangles, positions = mesh.triangles, mesh.positions
     pairs = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
@@ -148,7 +150,10 @@ def _rank_in_group(
 def _vertex_colors(
     mesh: Mesh, target: Target, evaluation: Evaluation
 ) -> Float[np.ndarray, "vertices channels"]:
-    """Return one colour per vertex, of least squared error, whatever colour model was evaluated."""
+    """Return one colour per vertex, of least squared error, for any colour model of `evaluation`.
+
+    `evaluation`: the colours and errors of `mesh`.
+    """
     if evaluation.model == "vertex":
         return evaluation.colors
     return solve_from_moments(mesh, target.image, evaluation.moments, "vertex")
@@ -190,6 +195,8 @@ def _exact_costs(
 
     With one colour per vertex, all colours stay fixed. With the other colour models, the colours of
     the changed triangles are solved for.
+
+    `evaluation`: the colours and errors of `mesh` before any collapse.
     """
     changed = collapses.corners_after[collapses.remains]
     pairs = pixel_weights(mesh.positions, changed, height=mesh.height, width=mesh.width)

@@ -31,9 +31,9 @@ CornerColors = Float[np.ndarray, "triangles 3 channels"]
 """One colour for each corner of each triangle."""
 
 RIDGE = 1e-4
-"""Weight of an initial guess of each colour, relative to the weight 1 of a pixel.
+"""Weight of an initial guess of each colour in least squares, where a pixel has the weight 1.
 
-The guess decides what the pixels do not determine."""
+The guess decides the colours that the pixels do not determine."""
 
 
 class Moments(NamedTuple):
@@ -80,10 +80,11 @@ def color_moments(
 def solve_colors(mesh: Mesh, target: Target, *, model: ColorModel = "vertex") -> Colors:
     """Compute the colours of least squared error at the pixel centres, not clipped to 0..1.
 
-    An initial guess with the small weight `RIDGE` decides what the pixels do not determine. For a
-    vertex, it is the colour of the pixel under it. For all corners of a triangle, it is the
-    weighted mean colour of its pixels or, if it has none, the colour of the pixel under its
-    centroid.
+    An initial guess with the small weight `RIDGE` decides the colours that the pixels do not
+    determine. With one colour per vertex, the guess is the colour of the pixel under the vertex.
+    With one colour per triangle, it is the colour of the pixel under the centroid. With one colour
+    per triangle corner, it is the weighted mean colour of the triangle's pixels or, if there are
+    none, the colour of the pixel under the centroid.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model of the result.
@@ -135,19 +136,20 @@ def solve_from_moments(mesh: Mesh, image: Image, moments: Moments, model: ColorM
 def solve_planes(
     moments: Moments, mean: Float[np.ndarray, "triangles channels"]
 ) -> Float[np.ndarray, "triangles 3 channels"]:
-    """Solve for the three corner colours of each triangle, independently of other triangles.
+    """Compute the corner colours of least squared error for each triangle alone, not clipped.
 
-    `mean`: one colour for each triangle, the initial guess for its three corners. It decides what
-    the pixels do not determine (see `RIDGE`).
+    `mean`: one colour for each triangle, the initial guess for its three corners. It decides the
+    colours that the pixels do not determine (see `RIDGE`).
     """
     matrix = moments.matrix + RIDGE * np.eye(3)
     return np.linalg.solve(matrix, moments.weighted_target + RIDGE * mean[:, None])
 
 
 def normal_matrix(mesh: Mesh, moments: Moments) -> csc_array:
-    """Assemble the matrix of the normal equations for one colour per vertex.
+    """Assemble the matrix of the normal equations of least squares, for one colour per vertex.
 
     The matrix is `[vertices, vertices]`, and includes the weight `RIDGE` of the initial guess.
+    `moments`: the sums over the pixels of each triangle.
     """
     count, triangles = len(mesh.positions), mesh.triangles
     vertices = np.arange(count)
@@ -181,9 +183,9 @@ def to_corner_colors(mesh: Mesh, colors: Colors, model: ColorModel) -> CornerCol
 def interpolate(
     pairs: PixelWeights, corner_colors: CornerColors
 ) -> Float[np.ndarray, "channels pairs"]:
-    """Interpolate the corner colours of triangles at the pixel centre of each pair in `pairs`.
+    """Interpolate corner colours linearly, for each pair of a triangle and a pixel in it.
 
-    A pair is a triangle and a pixel whose centre lies in it.
+    The result is the colour of the pair's triangle at the centre of the pair's pixel.
     """
     by_corner = corner_colors.transpose(1, 2, 0)
     w, triangle = pairs.weights, pairs.triangle

@@ -1,10 +1,13 @@
 """Compile the program of a fit's steps while the host still improves the start of the fit.
 
 The search for a start runs on one core for several seconds, and so does the compiler. The program
-is compiled for a mesh of the search. The final mesh costs about as much to draw, and has arrays of
-the same shapes. The program is compiled again if an exchange leaves the mesh with fewer vertices,
-if the mesh outgrows the plan, or if the caller has changed settings of JAX for its thread alone, as
-by `jax.default_device`: another thread does not see them.
+is compiled for an intermediate mesh of the search. The final mesh costs about as much to draw, and
+has arrays of the same shapes.
+
+The program is compiled again if a later exchange of vertices (see `exchange`) leaves the mesh with
+fewer vertices, or if the mesh outgrows the plan, which fixes the sizes of the arrays with which it
+is drawn. It is also compiled again if the caller has changed settings of JAX for its thread alone,
+as by `jax.default_device`: another thread does not see them.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,9 +23,9 @@ from .unknowns import MeshResidual, mesh_plan, mesh_scene
 
 
 class EarlyProgram:
-    """Compiles the program of a fit's steps in another thread, before the initial mesh is final.
+    """Compiles, in another thread, the program that takes the steps of a fit.
 
-    The program is compiled for a mesh of the search for the initial mesh (see `compile_for`).
+    It is compiled while the search for the fit's initial mesh goes on, for the mesh of that moment.
 
     - `request`: the request of the fit. Nothing is compiled early if its `early_chunk_steps` is
       None.
@@ -50,19 +53,24 @@ class EarlyProgram:
         return self._residual is not None and not self._residual.done()
 
     def residual(self) -> MeshResidual | None:
-        """Wait for the program, and return its residual; None if no compilation was begun.
+        """Wait for the program, and return the residual for which it was compiled.
 
-        After Ctrl-C it does not wait, since no step will be taken, and returns None if the program
-        is not compiled yet. Raises the error of the other thread if the compilation failed. The
-        final mesh may outgrow the residual's plan. The plan is then replaced at the first chunk of
-        steps, as at any other (`chunk.advance_fits`).
+        Returns None if no compilation was begun. After Ctrl-C no step will be taken, so the method
+        does not wait, and returns None if the program is not compiled yet. Raises the error of the
+        other thread if the compilation failed.
+
+        The final mesh may need more capacity than the residual's plan has. The plan is then
+        replaced at the first chunk of steps, as at any other (`chunk.advance_fits`).
         """
         if self._residual is None or (self._request.is_interrupted() and self.is_compiling()):
             return None
         return self._residual.result()
 
     def _compile(self, mesh: Mesh) -> MeshResidual:
-        """Compile the programs that begin a solve and take its steps; return their residual."""
+        """Compile the programs that begin a solve and take its steps, for the size of `mesh`.
+
+        Returns the residual that these programs minimise.
+        """
         request = self._request
         with jax.enable_x64(False):
             data, y = data_and_unknowns(mesh, request, self._model, has_fixed_colors=False)
