@@ -27,9 +27,10 @@ _MAX_ROUNDS = 1000
 def flip_to_delaunay(mesh: Mesh) -> Mesh:
     """Flip edges until the mesh is Delaunay: no triangle's circumcircle contains another vertex.
 
-    Vertices stay. A flip is left out if only rounding errors may ask for it, or if it would make a
-    triangle of at most 1e-9 square pixels. After `_MAX_ROUNDS` rounds the mesh is returned as it
-    is.
+    To flip an edge is to replace it by the other diagonal of the quad of its two triangles.
+    Vertices stay. An edge is not flipped if the two angles opposite it exceed pi together by at
+    most 1e-9, as by rounding, or if a triangle of at most 1e-9 square pixels would be made. After
+    `_MAX_ROUNDS` rounds the mesh is returned as it is.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """
@@ -82,9 +83,10 @@ def flip_edges(
 def flippable_edges(mesh: Mesh, least_area: float) -> Edges:
     """Find the edges whose flip would make two triangles of more than `least_area` each.
 
-    A `least_area` below 1e-9 counts as 1e-9. Edges on the border of the canvas, which have one
-    triangle, cannot be flipped. Areas are in square pixels. A triangle whose orientation would be
-    reversed has a negative area.
+    To flip an edge is to replace it by the other diagonal of the quad of its two triangles. Areas
+    are in square pixels, and are negative for a triangle whose orientation would be reversed. A
+    `least_area` below 1e-9 counts as 1e-9. Edges on the border of the canvas, which have one
+    triangle, cannot be flipped.
     """
     edges = find_edges(mesh.triangles)
     edges = Edges(*(field[edges.triangles[:, 1] >= 0] for field in edges))
@@ -156,12 +158,15 @@ def _vertex_color_gains(
 ) -> Float[np.ndarray, " edges"]:
     """Compute the gains of `flip_gains` for one colour per vertex.
 
-    The quad of an edge is made of the two triangles beside it, and has four corners. Let g and H be
-    the gradient and the second derivative of half the squared error after the flip, with respect to
-    the colours of these corners. The new colours lower the squared error by g^T H^-1 g below what
-    the flip alone makes it. Before the flip, the gradient over all triangles is 0. So g follows
-    from the two triangles of the quad alone: their gradients before the flip are subtracted, and
-    those after it are added.
+    The quad of an edge is made of the two triangles beside it, and has four corners. First the edge
+    is flipped and all colours stay, which changes the squared error. Then the colours of the four
+    corners are solved for. Let g and H be the gradient and the second derivative, with respect to
+    these colours, of half the squared error after the flip. The new colours lower the squared error
+    by g^T H^-1 g.
+
+    Before the flip, the gradient is 0, because the colours have the least squared error. So g is
+    the change of the gradient, and follows from the triangles of the quad alone: the gradients of
+    the two old triangles are subtracted, and those of the two new triangles are added.
 
     - `before`: the evaluation of `mesh` before the flips.
     - `moments_after`: the moments of the first triangle after each flip, for all edges, followed by
@@ -200,7 +205,7 @@ def _vertex_color_gains(
 def _corners_in_quad(
     triangles: Triangles, quad: Int[np.ndarray, "triangles 4"]
 ) -> Int[np.ndarray, "triangles 3"]:
-    """For each corner of a triangle, its index, 0..3, among the corners of a quad.
+    """Find the index, 0..3, of each corner of a triangle among the corners of a quad.
 
     `quad`: for each triangle, the four vertices of a quad that contains the triangle.
     """

@@ -1,9 +1,9 @@
 """Solve for the colours of a mesh, and measure its squared error against the target.
 
 `evaluate` does both for a whole mesh. `solved_error` and `error_of_colors` compute the squared
-error of each triangle from its moments, so that a change of a few triangles can be judged by them
-alone. Squared errors are weighted and, except in `Evaluation.error`, summed over pixels and
-channels.
+error of each triangle from its moments (see `colors.Moments`). So a change of a few triangles can
+be judged from these triangles alone. Squared errors are weighted and, except in
+`Evaluation.error`, summed over pixels and channels.
 """
 
 from typing import NamedTuple
@@ -72,8 +72,9 @@ def evaluate(mesh: Mesh, target: Target, model: ColorModel) -> Evaluation:
 def solved_error(moments: Moments, model: ColorModel) -> Float[np.ndarray, " triangles"]:
     """Squared error of each triangle in the colours that are best for this triangle alone.
 
-    These are one colour for the colour model `"triangle"`, and three corner colours for any other
-    model. They are not clipped. The error is 0 for a triangle without pixels.
+    The error is weighted, and summed over the pixels of the triangle and over channels. It is 0 for
+    a triangle without pixels. The triangle has one colour for the colour model `"triangle"`, and
+    three corner colours for any other model. The colours are not clipped.
 
     `moments`: the moments of the triangles (see `colors.Moments`).
     """
@@ -88,6 +89,8 @@ def error_of_colors(
     moments: Moments, corner_colors: CornerColors
 ) -> Float[np.ndarray, " triangles"]:
     """Squared error of each triangle with the given corner colours, summed over its pixels.
+
+    The error is weighted, and also summed over channels.
 
     `moments`: the moments of the triangles (see `colors.Moments`).
     """

@@ -9,11 +9,11 @@ from .triangulation import Mesh
 
 
 def exchange(mesh: Mesh, target: Target, count: int, *, model: ColorModel = "vertex") -> Mesh:
-    """Collapse up to `count` vertices, insert as many new ones, and then flip edges in one round.
+    """Remove up to `count` vertices, insert as many, and flip edges in one round; return the mesh.
 
     `collapse` removes vertices whose removal raises the squared error least. `insert` adds vertices
-    where they lower it most. If fewer can be inserted than were removed, the returned mesh has
-    fewer vertices than `mesh`.
+    where they lower it most. `flip_edges` flips edges where that lowers it. If fewer vertices can
+    be inserted than were removed, the returned mesh has fewer vertices than `mesh`.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.

@@ -1,9 +1,9 @@
 """The fit of a mesh that tiles the canvas.
 
 Between chunks of steps, vertices are moved back until no triangle is flipped. A flipped triangle is
-one of reversed orientation. With `start="error"` and without the option `freeze`, the vertices
-whose removal raises the squared error least are collapsed at a few points of a fit (see
-`schedule`), and as many are inserted where they lower the squared error most. The number of
+one of reversed orientation. With `start="error"` and without the option `freeze`, vertices are
+exchanged a few times during a fit (see `schedule`): those whose removal raises the squared error
+least are removed, and as many are inserted where they lower the squared error most. The number of
 vertices does not change, so the compiled program can be reused.
 """
 
@@ -118,9 +118,9 @@ class MeshFit(AbstractFit):
         return frozen_colors(mesh, self.request, self._model, has_fixed_colors=self._is_quantized)
 
     def _restart_solver(self, mesh: Mesh, data: MeshData, y: MeshUnknowns) -> None:
-        """Give the fit a mesh, its data and its unknowns `y`, and begin a new solve at `y`.
+        """Set the mesh, the data and the unknowns of the fit, and begin a new solve from `y`.
 
-        The number of steps becomes 0.
+        The steps count from 0 again. `data`, `y`: as `_arrays` makes them for `mesh`.
         """
         self.progress = begin(self.request.solver, self.residual, y, data)
         self._mesh, self.data, self.active = mesh, data, len(mesh.triangles)
@@ -128,7 +128,8 @@ class MeshFit(AbstractFit):
     def likely_scene(self) -> Scene:
         """The scene of the present unknowns, in pixels of the fit, with spare triangles.
 
-        Its cost hardly changes during a fit, because the mesh has all vertices from the start.
+        The spare triangles fill up the arrays and are not visible. The cost of drawing the scene
+        hardly changes during a fit, because the mesh has all vertices from the start.
         """
         return mesh_scene(self.progress.y, self.data)
 
@@ -166,8 +167,10 @@ class MeshFit(AbstractFit):
 
         Vertices move only as far as no triangle is flipped, and what is frozen stays. If triangles
         already have colours of the palette, each colour is replaced by the nearest colour of the
-        palette. With one colour per vertex, a vertex takes the colour of the last corner in `scene`
-        that lies at this vertex. The best unknowns so far are forgotten.
+        palette. With one colour per vertex, a vertex takes the colour of its corner in the last
+        triangle of `scene` that contains this vertex. The best unknowns so far are forgotten.
+
+        `scene`: in pixels of the fit, with the triangles of `current_scene`.
         """
         # A coordinate whose goal is NaN stays.
         goals = np.where(self.data.free, np.asarray(scene.positions, np.float64), np.nan)
@@ -209,8 +212,9 @@ class MeshFit(AbstractFit):
     def polish(self) -> None:
         """Replace the unknowns by the best so far, with the colours of least squared error.
 
-        Frozen colours stay. The record of the best unknowns is then cleared. A plan that is too
-        small for the new unknowns is replaced.
+        The squared error is computed at the size of the fit, in the colour space of the loss.
+        Frozen colours stay. `residual` is replaced if its plan is too small for these unknowns. The
+        record of the best unknowns is cleared, because its loss is that of other colours.
         """
         _, y, self._mesh, self.data = self._best()
         self.active, self._earlier_best = len(self._mesh.triangles), None
@@ -244,7 +248,8 @@ class MeshFit(AbstractFit):
     def replan(self, reached: Sequence[tuple[MeshUnknowns, MeshData]]) -> MeshResidual:
         """Return a residual whose plan has capacity for the scenes of the unknowns in `reached`.
 
-        `reached`: pairs `(unknowns, data)`. The fit itself does not change.
+        A plan (`mesh_plan`) fixes the sizes of the arrays with which scenes are drawn. The fit
+        itself does not change. `reached`: pairs `(unknowns, data)`.
         """
         plan = mesh_plan([mesh_scene(y, data) for y, data in reached], self.request.target.image)
         return MeshResidual(plan, self.request.loss)
@@ -252,10 +257,14 @@ class MeshFit(AbstractFit):
     def refine(self, share: float) -> None:
         """Do what the schedule and the options ask for before a chunk of steps.
 
-        In this order: move vertices back until no triangle is flipped (`_untangle`); exchange
-        vertices when that is due and the options allow it; set the learning rate, if the solver has
-        one that may be lowered; assign colours of the palette, if there is one, from
-        `PALETTE_START` on. `share`: share of the fit that is done, 0..1.
+        It does these in order:
+
+        - move vertices back until no triangle is flipped (`_untangle`);
+        - exchange vertices (`_exchange`), when that is due and the options allow it;
+        - set the learning rate, if the solver has one that may be lowered;
+        - assign colours of the palette, if there is one and `share` has reached `PALETTE_START`.
+
+        `share`: share of the fit that is done, 0..1.
         """
         if self.progress.steps:
             self._untangle()
@@ -281,11 +290,11 @@ class MeshFit(AbstractFit):
             self.progress = self.progress._replace(y=y)
 
     def _exchange(self, count: int) -> None:
-        """Move up to `count` vertices to where they lower the squared error most.
+        """Remove up to `count` vertices, and insert as many where they lower the error most.
 
         `exchange.exchange` says how. The best unknowns before the exchange, if a loss is known, are
         remembered. A new solve begins on the new mesh, but the number of steps stays. Nothing
-        changes if fewer vertices could be inserted than were collapsed.
+        changes if fewer vertices could be inserted than were removed.
         """
         steps = self.progress.steps
         mesh = exchange(self._mesh, self.request.target, count, model=self._model)
@@ -338,7 +347,11 @@ class MeshFit(AbstractFit):
         return arrays | steered_state(self._palette, self._is_quantized, self.data.frozen)
 
     def restore_family_state(self, arrays: dict[str, np.ndarray]) -> None:
-        """Restore what `family_state` returned; the constructor has restored the mesh itself."""
+        """Restore what `family_state` returned, from `arrays`, the arrays of the saved fit by name.
+
+        The constructor has restored the present mesh already. Raises `ValueError` for unknowns of
+        other shapes or types than this fit has.
+        """
         self.data = self.data._replace(scale=to_device(arrays["scale"]))
         self._palette = arrays.get("palette")
         self._is_quantized = bool(arrays.get("quantized", False))
@@ -355,7 +368,7 @@ class MeshFit(AbstractFit):
 def _untangled(y: MeshUnknowns, mesh: Mesh, data: MeshData) -> tuple[Mesh, MeshUnknowns]:
     """Move the vertices of a mesh towards the positions in `y`, as far as no triangle is flipped.
 
-    Returns the moved mesh, and `y` with the positions of that mesh.
+    `data`: the data to which `y` belongs. Returns the moved mesh, and `y` with its positions.
     """
     mesh = untangle(mesh, np.asarray(vertices_of(y, data), np.float64))
     positions = mesh.positions.astype(np.float32) / np.asarray(data.scale)

@@ -19,7 +19,10 @@ SECONDS_PER_MEGAPIXEL = 0.15
 
 
 def colors_at_full_size(mesh: Mesh, target: Target, *, model: ColorModel) -> Colors:
-    """Compute the colours that `colors.solve_colors` does, strip by strip; they are not clipped.
+    """Compute the colours of least squared error of a mesh, not clipped, strip by strip.
+
+    The result is that of `colors.solve_colors`, but uses less memory. A strip is some rows of
+    pixels.
 
     - `mesh`: with positions in pixels of the target.
     - `target`: the image and its weights at their original size.

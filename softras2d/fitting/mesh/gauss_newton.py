@@ -59,10 +59,12 @@ _MAX_ITERATIONS = 25
 """Maximum number of iterations of conjugate gradients for one step."""
 
 _TOLERANCE = 1e-2
-"""Conjugate gradients stop when the norm of the residual is at most this fraction of the first."""
+"""Conjugate gradients stop when the norm of the residual is at most this fraction of its norm at
+the beginning (see `_conjugate_gradients`)."""
 
 _FEW_PIXELS = 60.0
-"""Mean number of pixels of the triangles of a mesh, below which a pixel has 2 x 2 samples.
+"""Number of pixels per triangle of a mesh, below which the mesh is drawn with 2 x 2 samples per
+pixel.
 
 A mesh with larger triangles is drawn with one sample per pixel, at its centre."""
 
@@ -74,7 +76,7 @@ VertexValues = Float[np.ndarray, "vertices 5"]
 
 
 class _Drawing(NamedTuple):
-    """The samples of a mesh, and how its image differs from the target.
+    """The samples at which a mesh was drawn, and how its image differs from the target.
 
     - `pairs`: all pairs of a triangle and a sample in it, with the index of the sample as `pixel`.
     - `pixel`: index of the pixel of each pair's sample, row * width + column.
@@ -161,7 +163,7 @@ def gauss_newton(
 def _draw(mesh: Mesh, target: Target, colors: VertexColors) -> _Drawing:
     """Draw a mesh with one sample per pixel, or with 2 x 2, and compare it with the target.
 
-    `_FEW_PIXELS` decides the number of samples.
+    `_FEW_PIXELS` decides the number of samples. `mesh` and `target` are in pixels of the fit.
     """
     side = 1 if mesh.height * mesh.width >= _FEW_PIXELS * len(mesh.triangles) else 2
     image, weights = target
@@ -183,12 +185,14 @@ def _draw(mesh: Mesh, target: Target, colors: VertexColors) -> _Drawing:
 def _normal_equations(
     mesh: Mesh, colors: VertexColors, drawing: _Drawing
 ) -> tuple[VertexValues, Float[np.ndarray, "triangles 3 3 5 5"]]:
-    """Compute the right-hand side and the matrix of the normal equations.
+    """Compute the right-hand side and the matrix of the normal equations of a Gauss-Newton step.
 
     The right-hand side is minus half the gradient of the squared error. The matrix is returned as
     one block of 5 x 5 for each pair of corners of each triangle. Blocks for the same two vertices,
-    in the same order, are still to be added. The module says how the matrix differs from the exact
-    one.
+    in the same order, are still to be added. With 2 x 2 samples per pixel, the matrix differs from
+    the exact one as the module says.
+
+    `drawing`: the mesh as `_draw` draws it in these colours.
     """
     pixel, weights = drawing.pixel, drawing.error_weights
     moments = color_moments(
@@ -251,7 +255,11 @@ def _layout(mesh: Mesh) -> _Layout:
 def _add_blocks(
     layout: _Layout, blocks: Float[np.ndarray, "triangles 3 3 5 5"]
 ) -> Float[np.ndarray, "entries 5 5"]:
-    """Add the blocks of all triangles to the entries of the matrix; zero for fixed unknowns."""
+    """Sum the blocks of all triangles into the entries of the matrix, in the order of `layout`.
+
+    Rows and columns of fixed unknowns are set to 0. `blocks`: one for each pair of corners of each
+    triangle, as `_normal_equations` returns them.
+    """
     sorted_blocks = blocks.reshape(-1, _UNKNOWNS, _UNKNOWNS)[layout.order]
     entries = np.add.reduceat(sorted_blocks, layout.starts, axis=0)
     is_fixed = layout.is_fixed
@@ -264,13 +272,14 @@ def _solve(
     entries: Float[np.ndarray, "entries 5 5"],
     damping: float,
 ) -> VertexValues:
-    """Solve the damped normal equations for the change of each unknown; of fixed ones it is 0.
+    """Solve the damped normal equations for the change of each unknown.
 
-    The solution is approximate (see `_conjugate_gradients`).
+    The change of fixed unknowns is 0. The solution is approximate (see `_conjugate_gradients`).
 
     - `gradient`: the right-hand side.
-    - `entries`: the entries of the matrix without damping.
-    - `damping`: fraction of each diagonal entry that is added to the entry.
+    - `entries`: the entries of the matrix, without damping, as `_add_blocks` returns them.
+    - `damping`: fraction of each diagonal entry that is added to the entry, besides
+      `_COLOR_RIDGE` or `_POSITION_RIDGE`.
     """
     is_fixed, entries = layout.is_fixed, entries.copy()
     diagonal = np.flatnonzero(layout.row == layout.column)
@@ -315,7 +324,7 @@ def _conjugate_gradients(
 
 
 def _apply(mesh: Mesh, colors: VertexColors, change: VertexValues) -> tuple[Mesh, VertexColors]:
-    """Return the mesh and its colours after a change of both.
+    """Return the mesh and its colours after `change`, which has a number to add to each unknown.
 
     Vertices move by at most `_LONGEST_MOVE` along each axis, and only as far as no triangle is
     flipped. Colours change in full, and are then clipped to 0..1.
