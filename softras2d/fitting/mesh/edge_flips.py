@@ -29,8 +29,8 @@ def flip_to_delaunay(mesh: Mesh) -> Mesh:
 
     To flip an edge is to replace it by the other diagonal of the quad of its two triangles.
     Vertices stay. An edge is not flipped if the two angles opposite it exceed pi together by at
-    most 1e-9, as by rounding, or if a triangle of at most 1e-9 square pixels would be made. After
-    `_MAX_ROUNDS` rounds the mesh is returned as it is.
+    most 1e-9 radians, as by rounding, or if a triangle of at most 1e-9 square pixels would be made.
+    After `_MAX_ROUNDS` rounds the mesh is returned as it is.
 
     **Source:** Lawson, *Software for C1 surface interpolation* (1977); Delaunay (1934).
     """

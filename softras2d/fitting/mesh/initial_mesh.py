@@ -11,13 +11,13 @@ from .triangulation import Mesh, check_tiling
 
 
 def initial_mesh(request: FitRequest, model: ColorModel, early: EarlyProgram) -> Mesh:
-    """Make the mesh to start from, or take it from the state of the fit that is resumed.
+    """Make the mesh from which a fit starts, or take it from the state of a fit to be resumed.
 
     The mesh is in pixels of the fit. Raises `ValueError` for a start that does not suit the fit.
 
-    - `model`: the colour model of the fit.
-    - `early`: compiles the program of the fit's steps. With `start="error"`, it begins when
-      `error_start` calls `has_settled`. While it compiles, the mesh is improved further, even if
+    - `model`: the colour model (see `colors`).
+    - `early`: compiles the program of the fit's steps. With `start="error"`, this begins when
+      `error_start` calls `has_settled`. While it lasts, the mesh is improved further even if
       `request.must_start` returns true, unless Ctrl-C was pressed.
     """
     target, start, seed = request.target, request.start, request.seed

@@ -23,11 +23,12 @@ def insert(
     model: ColorModel = "vertex",
     least_area: float = LEAST_AREA,
 ) -> Mesh:
-    """Insert up to `count` vertices, each of which splits the triangle or edge on which it lies.
+    """Insert up to `count` vertices where they lower the squared error most; return the mesh.
 
-    Each triangle is split at most once. The splits that lower the squared error most come first
-    (see `splits.Splits.gain`). Fewer vertices are inserted if the other triangles are too small, or
-    if no other split lowers the error.
+    A vertex inside a triangle splits it into three; one on an edge splits each triangle beside the
+    edge into two. Each triangle is split at most once. The splits that lower the squared error most
+    come first (see `splits.Splits.gain`). Fewer vertices are inserted if the other triangles are
+    too small, or if no other split lowers the error.
 
     - `mesh`, `target`: in pixels of the fit.
     - `model`: the colour model (see `colors`) for which the squared error is computed.
@@ -51,8 +52,8 @@ def split(mesh: Mesh, splits: Splits, chosen: Int[np.ndarray, " chosen"]) -> Mes
     """Insert the candidates with the indices in `chosen` into the mesh, as new vertices.
 
     `splits` has a candidate for each triangle and for each edge of the mesh. No two of the chosen
-    ones may split the same triangle. Returns a mesh whose new vertices come last, in the order of
-    `chosen`.
+    candidates may split the same triangle. In the returned mesh the new vertices come last, in the
+    order of `chosen`.
     """
     triangles = len(mesh.triangles)
     new_vertex = len(mesh.positions) + np.arange(len(chosen))

@@ -51,10 +51,11 @@ class PixelWeights(NamedTuple):
 def pixel_weights(
     positions: Points, triangles: Triangles, *, height: int, width: int
 ) -> PixelWeights:
-    """Find the pixels whose centres lie in each triangle, on a canvas of `height` x `width` pixels.
+    """Find the pixels whose centres lie in each triangle, and their barycentric weights.
 
-    `positions` are in pixels, and the centre of the first pixel is at (0.5, 0.5). All triangles
-    must have positive area (see `triangulation`); they may extend beyond the canvas.
+    The canvas has `height` x `width` pixels. `positions` are in pixels, and the centre of the first
+    pixel is at (0.5, 0.5). All triangles must have positive area (see `triangulation`); they may
+    extend beyond the canvas.
 
     A triangle is scanned row by row: between its long edge, from the top to the bottom corner, and
     one of its two short edges. A centre on an edge belongs to the triangle to the right of the

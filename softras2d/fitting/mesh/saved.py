@@ -1,4 +1,4 @@
-"""Save, read and check the arrays of a saved fit that only meshes have."""
+"""Save, read and check the arrays that only a saved fit of a mesh has."""
 
 from typing import Any
 
@@ -12,7 +12,8 @@ def max_vertices(settings: dict[str, Any]) -> int:
     """Largest number of vertices with which no mesh has more triangles than the settings allow.
 
     A mesh of v vertices has 2 v - 6 triangles if only four lie on its border, and fewer if more do.
-    Four vertices, and so two triangles, are always allowed. `settings`: the arguments of `fit`.
+    Four vertices, and so two triangles, are always allowed. `settings`: the arguments of `fit`, of
+    which `triangles` counts.
     """
     return max(4, (settings["triangles"] + 6) // 2)
 
@@ -35,8 +36,8 @@ def check_mesh_state(
 ) -> list[tuple[int, ...]]:
     """Check the arrays that `MeshFit.family_state` returned; raise `ValueError` for a fault.
 
-    Those of `steered_state` are not checked. Returns the shapes of the arrays of `MeshUnknowns`, in
-    order.
+    The arrays of `steered_state`, for a palette and frozen colours, are not checked. Returns the
+    shapes of the two arrays of `MeshUnknowns`, `positions` and `colors`.
 
     - `entries`: the arrays of the saved fit. Those that are checked are removed.
     - `settings`, `size`: the settings and the size of the fit.

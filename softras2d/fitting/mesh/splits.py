@@ -31,7 +31,8 @@ EDGE_FRACTIONS: dict[ColorModel, tuple[float, ...]] = {
 """For each colour model (see `colors`), the points on an edge that are tried as new vertices.
 
 They are fractions of the edge's length, symmetric about 0.5. The models other than `"vertex"` have
-fewer, because least squares for the pieces takes four times as long as a hat function."""
+fewer, because least squares for the pieces of a split takes four times as long as the sums with a
+hat function that `"vertex"` needs."""
 
 _CENTROID = (1 / 3, 1 / 3, 1 / 3)
 INNER_POINTS: dict[ColorModel, tuple[tuple[float, float, float], ...]] = {
@@ -51,10 +52,10 @@ split is 0 without pixels."""
 class Splits(NamedTuple):
     """Candidates for new vertices: one in each triangle, followed by one on each edge.
 
-    - `gain`: drop in squared error if only this vertex is inserted. For the calculation, the
-      colours of the pieces are solved for; or, with one colour per vertex, only the colour of the
-      new vertex. All other colours stay. The gain is minus infinity if a piece would be too small
-      at every point that was tried.
+    - `gain`: drop in squared error if only this vertex is inserted, which splits the triangles on
+      which it lies into pieces. For the calculation, the colours of the pieces are solved for; or,
+      with one colour per vertex, only the colour of the new vertex. All other colours stay. The
+      gain is minus infinity if a piece would be too small at every point that was tried.
     - `points`: positions of the candidates, in pixels.
     - `edges`: the edges of the mesh, in the order of the candidates on them.
     """
@@ -65,7 +66,10 @@ class Splits(NamedTuple):
 
 
 def best_splits(mesh: Mesh, evaluation: Evaluation, *, least_area: float) -> Splits:
-    """Find the best of the tried positions for a new vertex in every triangle and on every edge.
+    """Find where a new vertex lowers the squared error most, in every triangle and on every edge.
+
+    The position of each candidate is the best of a few that are tried: those of `INNER_POINTS` and
+    two that depend on the error, or those of `EDGE_FRACTIONS`.
 
     - `evaluation`: the colours and errors of `mesh`.
     - `least_area`: least area of a piece of a split triangle, in square pixels.
@@ -190,10 +194,11 @@ def _split_statistics(
 ) -> Float[np.ndarray, "triangles statistics"]:
     """Compute, for each triangle, the numbers from which `_gain` computes the gain of a split.
 
-    The split is at the given point of each triangle. For the colour model `"vertex"` the numbers
-    are the products of `_hat_products`; for the other models, the only number is the drop in
-    squared error. All are sums over the pixels of a triangle. For a split of an edge, the numbers
-    of the two triangles beside it must be added.
+    A split at `point` cuts a triangle into pieces, one opposite each corner for which the point has
+    a positive barycentric weight. For the colour model `"vertex"` the numbers are the products of
+    `_hat_products`; for the other models, the only number is the drop in squared error. All are
+    sums over the pixels of a triangle. For a split of an edge, the numbers of the two triangles
+    beside the edge must be added.
     """
     pairs = evaluation.pairs
     if point.shape[1] > 1:
@@ -233,8 +238,9 @@ def _hat_products(
 ) -> Float[np.ndarray, "triangles products"]:
     """Products of the new vertex's hat function with itself, and with each channel of the residual.
 
-    They are weighted and summed over the pixels of each triangle. `hat`: the value of the hat
-    function, which the module defines, at the pixel of each pair.
+    The products are weighted and summed over the pixels of each triangle. `hat`: the value of the
+    hat function at the pixel of each pair. It is 1 at the new vertex, and falls linearly to 0 at
+    the sides of the triangle on which the vertex does not lie.
     """
     error_weights = evaluation.error_weights
     scaled = hat if error_weights is None else hat * error_weights

@@ -38,7 +38,7 @@ _STEPS = 3
 _SETTLED = 3
 """Number of exchanges of `error_start` after which the cost of drawing the mesh hardly changes.
 
-The cost depends on the number of triangles that meet a tile of the image."""
+The number of triangles that meet a tile, a square of pixels, is then nearly final."""
 
 _UNIFORM_DENSITY = 0.2
 """Fraction of the mean image gradient that `delaunay_start` adds to the gradient of each pixel, so
@@ -76,9 +76,10 @@ def delaunay_start(target: Target, vertices: int, *, seed: int = 0) -> Mesh:
 
     Points on the border are evenly spaced, and the four corners are always among them. The mesh has
     `vertices` points (at least four), or fewer if the image has too few pixels, since at most one
-    inner point lies in each pixel. The change is multiplied by the target's weights. Where it is 0,
-    there are still some points (see `_UNIFORM_DENSITY`). Low-polygon filters make such meshes
-    without any fitting, so this is a baseline as well as a start.
+    inner point lies in each pixel. The density of inner points is the magnitude of the image's
+    gradient, times the target's weights, plus a constant, so that flat regions get some points,
+    too (see `_UNIFORM_DENSITY`). Low-polygon filters make such meshes without any fitting, so this
+    is a baseline as well as a start.
     """
     height, width = target.image.shape[:2]
     rng = np.random.default_rng(seed)
@@ -113,9 +114,9 @@ def error_start(
 ) -> Mesh:
     """Make a mesh of `vertices` points, inserted round by round where they lower the error most.
 
-    The first vertices are those of a uniform mesh. After each round the mesh is made Delaunay,
-    which keeps its triangles from degenerating, and then edges are flipped to lower the squared
-    error. At the end, `exchanges` rounds call `exchange`, which collapses the vertices whose
+    The first vertices are those of a uniform mesh. After each round of insertion the mesh is made
+    Delaunay, which keeps its triangles from degenerating, and then edges are flipped to lower the
+    squared error. At the end, `exchanges` rounds call `exchange`, which removes the vertices whose
     removal raises the squared error least, and inserts as many where they lower it most. With one
     colour per vertex, each of these rounds ends with steps of the Gauss-Newton method, which move
     vertices. On photographs the rounds at the end raise the PSNR by 1 to 3 dB.
@@ -123,8 +124,9 @@ def error_start(
     - `model`: the colour model (see `colors`) for which the squared error is computed.
     - `seed`: seed of the uniform mesh with which the first round begins.
     - `exchanges`: number of rounds at the end; None: 10 for one colour per vertex, otherwise 16.
-    - `must_start()`: asked before each round, and in a round before each Gauss-Newton step; if it
-      returns true, no further round or step begins.
+    - `must_start()`: returns whether the fit should start with the mesh as it is. It is asked
+      before each round, and before each Gauss-Newton step; if it returns true, no further round or
+      step begins.
     - `has_settled(mesh)`: called once, after `_SETTLED` of the rounds at the end, with a mesh about
       as costly to draw as the final one; not called if there is no round after that.
 

@@ -27,11 +27,16 @@ def frozen_colors(
 ) -> dict[str, bool | Mask]:
     """Return which colours are frozen, as the argument `masks` of `frozen.freeze`.
 
-    The result has at most one entry, `"colors"`. It is True if all colours are frozen. Otherwise it
-    is a mask, true where frozen. For the model `"vertex"`, `frozen_vertices` makes this mask, and
-    may raise `ValueError`. For the other models, it is the user's mask of triangles; without such a
-    mask, there is no entry. Frozen positions have no entry, because `MeshData.free` keeps them from
-    moving.
+    The result has at most one entry, `"colors"`:
+
+    - True if all colours are frozen;
+    - otherwise, for the colour model `"vertex"`, the mask of vertices that `frozen_vertices`
+      returns, which may raise `ValueError`;
+    - otherwise, for the other models, the user's mask of triangles. If the user gave none, there is
+      no entry.
+
+    Masks are true where frozen. Frozen positions have no entry, because `MeshData.free` keeps them
+    from moving.
 
     `has_fixed_colors`: whether all colours are frozen, because a palette decides them.
     """
@@ -46,8 +51,9 @@ def frozen_colors(
 def frozen_vertices(mesh: Mesh, request: FitRequest) -> Mask:
     """Whether the user froze each vertex, either itself or as a corner of a frozen triangle.
 
-    Only the masks of the option `freeze` count, not its name `"positions"`. Raises `ValueError` if
-    a mask of the option `freeze` does not have one entry for each vertex or triangle of `mesh`.
+    Only the masks of the option `freeze` count. The name `"positions"`, by which it freezes all
+    positions, does not. Raises `ValueError` if a mask does not have one entry for each vertex or
+    triangle of `mesh`.
     """
     count, masks = len(mesh.positions), request.masks
     frozen = masks.get("vertices", np.zeros(count, bool)).copy()

@@ -1,9 +1,9 @@
 """The unknowns of a mesh that tiles the canvas, the scene that they make, and its residual.
 
-With `Area("sum")` the image of a tiling and its derivatives are exact, and no seams are visible. A
-triangle of reversed orientation would be drawn with negative area, which could lower the error. A
-second residual, which grows as triangles become too small, makes the solver less likely to reverse
-triangles.
+With `Area("sum")`, exact coverage that is added up, the image of a tiling and its derivatives are
+exact, and no seams are visible. A triangle of reversed orientation would be drawn with negative
+area, which could lower the error. A second residual, which grows as triangles become too small,
+makes the solver less likely to reverse triangles.
 """
 
 from typing import Any, NamedTuple
@@ -75,8 +75,8 @@ def vertices_of(y: MeshUnknowns, data: MeshData) -> Float[Array, "vertices 2"]:
 def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
     """Make the scene of the unknowns, in pixels of the fit, with the spare triangles.
 
-    Spare triangles fill up the arrays and have no area. Frozen numbers and coordinates that may not
-    move have their fixed values. Colours are clipped to 0..1, by a clip whose derivative is 1
+    Spare triangles fill up the arrays and have no area. Frozen colours, and coordinates that may
+    not move, have their fixed values. Colours are clipped to 0..1, by a clip whose derivative is 1
     everywhere.
     """
     colors = clip_straight_through(with_frozen(y, data.frozen).colors)
@@ -85,9 +85,10 @@ def mesh_scene(y: MeshUnknowns, data: MeshData) -> Scene:
 
 
 def mesh_plan(scenes: list[Scene], image: Image) -> Plan:
-    """Plan to draw any of these scenes as tilings, with exact coverage (`Area("sum")`).
+    """Make a plan with capacity for each of these scenes, with exact coverage (`Area("sum")`).
 
-    The canvas has the size of `image`.
+    The scenes are tilings of the canvas, which has the size of `image`. A plan fixes the sizes of
+    the arrays with which scenes are drawn.
     """
     height, width = image.shape[:2]
     return make_plan(scenes, height=height, width=width, coverage=Area("sum"))
