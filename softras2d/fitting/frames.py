@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -94,6 +95,8 @@ def fit_frames(
         for number in range(len(targets)):
             if number:
                 if interrupt.requested:
+                    # It may have come after the last result was made.
+                    film.results[-1] = replace(film.results[-1], interrupted=True)
                     break
                 film.fit_next(number, frame_steps, float(temporal))
             result = film.result(number, interrupt.requested)

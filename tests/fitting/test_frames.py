@@ -1,5 +1,7 @@
 """Fits of films: triangles persist from frame to frame, and a temporal weight lowers flicker."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,16 @@ def test_a_temporal_weight_lowers_flicker_and_triangles_keep_their_identity():
     assert 0 < still < 0.7 * free
     # The temporal weight does not affect the first frame.
     np.testing.assert_array_equal(films[0.0][0].image, films[2.0][0].image)
+
+
+@pytest.mark.slow
+def test_ctrl_c_during_the_report_of_a_frame_ends_the_film_there():
+    def interrupt(number, result):
+        if number == 1:
+            signal.raise_signal(signal.SIGINT)
+
+    results = sr.fit_frames(film(4), triangles=5, steps=10, frame_steps=2, report=interrupt)
+    assert [result.interrupted for result in results] == [False, True]
 
 
 def test_flicker_is_the_change_where_the_target_stands_still():
