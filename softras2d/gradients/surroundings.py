@@ -90,8 +90,8 @@ def is_noticeable(transmittance: Float[Array, "*samples"]) -> Bool[Array, "*samp
 
 
 def values_of(
-    color: Float[Array, "channels lines runs"], cotangent: PixelCotangent
-) -> Float[Array, "values lines runs"]:
+    color: Float[Array, "_ #lines #runs"], cotangent: PixelCotangent
+) -> Float[Array, "values #lines #runs"]:
     """Return the values of a premultiplied colour: its channels, or one dot product.
 
     Channels of `color` beyond those of the cotangent are not used.
@@ -104,8 +104,8 @@ def values_of(
 
 def add_behind(
     behind: Behind,
-    values: Float[Array, "values lines runs"],
-    alpha: Float[Array, "lines runs"],
+    values: Float[Array, "_ #lines runs"],
+    alpha: Float[Array, "#lines runs"],
     is_behind: Bool[Array, "lines runs"],
 ) -> Behind:
     """Composite a layer behind the layers in `behind`, where `is_behind`.
