@@ -81,8 +81,8 @@ class OpaquePairs(PairSearch):
 
 @functools.partial(materialized, static_argnames=("tiling",))
 def _candidate_words(
-    visible: UInt32[Array, "chunks slots rows"],
-    covered: UInt32[Array, "chunks slots rows"],
+    visible: UInt32[Array, "chunks slots_per_chunk rows"],
+    covered: UInt32[Array, "chunks slots_per_chunk rows"],
     slot: Int[Array, " slots"],
     *,
     tiling: Tiling,
@@ -114,7 +114,7 @@ def _decode(
     words: UInt32[Array, " words"],
     ends: Int[Array, " words"],
     chunk_tiles: Int[Array, " chunks"],
-    slot_triangles: Int[Array, "chunks slots"],
+    slot_triangles: Int[Array, "chunks slots_per_chunk"],
     slot: Int[Array, " slots"],
     group: Int[Array, ""],
     *,
