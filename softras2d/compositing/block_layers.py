@@ -116,10 +116,11 @@ def _sample_weights(
 ) -> tuple[Float[Array, "*samples"], Float[Array, "*samples"]]:
     """Weights of corners 1 and 2 of each tile's triangle, at each sample of a block.
 
-    They are the barycentric weights on the screen. `columns` has the result of `pair_rows` for the
-    triangle of each line's tile. The weights are those of `barycentric.weights_at`, computed with
-    fewer operations at each sample. The integer from which a weight is computed is the one at the
-    first sample of the pixel, plus a change from there, which is the same in all pixels.
+    They are the barycentric weights on the screen, those of `barycentric.weights_at`, in the layout
+    of `sample_blocks`, whose lines are the rows of pixels of the block's tiles. `columns` has the
+    result of `pair_rows` for the triangle of each line's tile. To save operations at each sample,
+    the integer from which a weight is computed is the one at the first sample of the pixel, plus a
+    change from there, which is the same in all pixels of a tile.
     """
     pixel_values = _pixel_values(columns, tiling=tiling)
     changes = _changes(columns, tiling=tiling)

@@ -119,10 +119,11 @@ def _snap_stage(
     origin: HostOrDeviceArray,
     grid: Grid,
 ) -> tuple[Corners, Snapped, HostOrDeviceArray]:
-    """Snap the corners of triangles to the grid.
+    """Snap the corners of triangles to the grid; the arguments are as in `project`.
 
-    Returns the corners in pixels, the same corners clamped to the guard band in grid units, and
-    whether each triangle reaches past the band.
+    Returns the snapped corners in pixels from the canvas's upper left (`Corners`), the same corners
+    in grid units, clamped to the guard band, and whether each triangle reaches past the band. The
+    last is false for triangles that are not `Corners.finite`.
     """
     corners = snapped_corners(positions, triangles, origin, grid)
     return corners, snap(corners, grid), ~within_guard(corners, grid)
