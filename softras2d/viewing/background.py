@@ -34,11 +34,13 @@ class PlanCompiler:
         self._is_closed = False
 
     def start(self, kind: Hashable, scene: Scene, view: View, settings: Settings) -> None:
-        """Begin to make the plan with headroom of a kind of views, unless it was requested before.
+        """Begin to make a plan with headroom (`plans.headroom_plan`) for a view, and compile it.
 
-        `kind` is the result of `plans.kind_of` for this view. Plans of other kinds that are still
-        waiting are dropped: they are requested again if they are needed. So is the oldest plan, if
-        there are more than `_MAX_PLANS`. After `close`, nothing is begun.
+        `kind` is the result of `plans.kind_of` for this view; `take` returns the plan of a kind. If
+        the plan of this kind was requested before and not dropped since, or after `close`, nothing
+        is begun. Otherwise plans of other kinds that are still waiting are dropped; whoever needs
+        such a plan requests it again. The oldest plan is dropped, too, if there are more than
+        `_MAX_PLANS`.
         """
         if kind in self._plans or self._is_closed:
             return
@@ -71,7 +73,10 @@ class PlanCompiler:
 
 
 def _compile(scene: Scene, view: View, settings: Settings) -> Plan:
-    """Make a plan with headroom, and compile its program by a first render."""
+    """Make the plan with headroom of a view, compile its program by a first render, and return it.
+
+    The plan is that of `plans.headroom_plan`. `scene` is at the zoom of the view.
+    """
     plan = headroom_plan(scene, view, settings)
     # The program of a call is cached for later calls; a program compiled ahead of time is not.
     jax.block_until_ready(render_checked(scene, plan))

@@ -54,7 +54,7 @@ class Artist:
         self._compiler = PlanCompiler()
 
     def draw(self, scene: Scene, view: View, settings: Settings) -> Picture:
-        """Draw a view of a scene, whose positions are in pixels at the zoom of the view.
+        """Draw a view of a scene; the scene has already been enlarged by the zoom of the view.
 
         Raises `ValueError` for an invalid scene, and for a view that takes too much memory.
         """
@@ -69,9 +69,10 @@ class Artist:
     def prepare_zoom(self, scene: Scene, view: View, settings: Settings) -> None:
         """Compile a plan with headroom in another thread, if the canvas is large.
 
-        A plan with headroom is also large enough for this view at twice the zoom. On a large
-        canvas, of `TIGHT_PLAN_PIXELS` or more, the first plan is tight: without this, zooming would
-        soon outgrow it. The call does not wait for the compilation.
+        A plan with headroom is also large enough for this view at twice the zoom. A canvas is large
+        from `TIGHT_PLAN_PIXELS` on. Its first plan is tight, that is, just large enough for the
+        view that it was made for, so that a view at a higher zoom soon needs the plan with
+        headroom. The call does not wait for the compilation.
         """
         if view.height * view.width >= TIGHT_PLAN_PIXELS:
             self._compiler.start(kind_of(scene, view, settings), scene, view, settings)
@@ -81,8 +82,8 @@ class Artist:
     ) -> tuple[Float[Array, "height width channels"], Plan]:
         """Draw the image of a view; returns the image, and the plan that was used.
 
-        `grid_bits` is as in `plan`. The image has floats, `[height, width, 3 or 4]`, with straight
-        alpha. Errors are those of `draw`.
+        `grid_bits` is as in `softras2d.plan`. The image has floats, `[height, width, 3 or 4]`, with
+        straight alpha. Errors are those of `draw`.
         """
         return self.with_plan(render_checked, scene, view, settings, grid_bits)
 
@@ -97,11 +98,12 @@ class Artist:
         """Call `compute(scene, plan)` with a plan that is large enough.
 
         `compute` gets the argument `scene` itself, which is not padded to the size class of the
-        plan. It returns a value, and whether the scene outgrew the plan. If it did, `compute` is
-        called again with a larger plan. The first larger plan is the one that was requested from
-        the compiler's thread, if there is one and `grid_bits` is None. The last one is made for
-        this view, so it must be large enough. Returns the last value, and the plan that gave it.
-        `grid_bits` is as in `plan`.
+        plan. It returns a value, and whether the scene outgrew the plan, that is, needed larger
+        arrays. If it did, `compute` is called again with a larger plan, at most twice. The first
+        larger plan is the one that `prepare_zoom` requested for this kind of views. It is skipped
+        if there is none, or if `grid_bits` is given. The second larger plan is made for this view,
+        so it must be large enough. Returns the value of the last call, and the plan of that call.
+        `grid_bits` is as in `softras2d.plan`.
         """
         plan = self._plans.choose(scene, view, settings, grid_bits)
         value, overflow = compute(scene, plan)
@@ -122,7 +124,10 @@ class Artist:
         return self._compiler.is_busy()
 
     def close(self) -> None:
-        """Wait until the thread of the compiler has compiled its program, and stop that thread."""
+        """Wait until the compiler's thread has finished the present program, and stop the thread.
+
+        Plans that are still waiting for the thread are dropped.
+        """
         self._compiler.close()
 
 

@@ -51,7 +51,10 @@ def frames_of(reply: Reply) -> Iterator[bytes]:
 
 
 def _frame_of(reply: Reply) -> bytes:
-    """Encode a reply as one binary message; a part of a picture is packed if that saves much."""
+    """Encode a reply as one binary message, whose format the docstring of this module describes.
+
+    A part of a picture is packed if that saves much (see `with_packed_picture`).
+    """
     reply = with_packed_picture(reply)
     header = header_text(reply).encode()
     header = header.ljust(-(-len(header) // 4) * 4)
@@ -63,8 +66,8 @@ def with_packed_picture(reply: Reply) -> Reply:
 
     The payload may be a whole picture or a part of it. The header of the result then also has
     `blocks`, the number of blocks in the payload, and `colors`, the number of these with a single
-    colour (see `PackedPixels`). Otherwise, and for a reply of another kind,
-    the reply is returned unchanged.
+    colour (see `PackedPixels`). If packing would save little, or the reply is of another kind, the
+    reply is returned unchanged.
     """
     if reply.header.get("kind") != "picture":
         return reply

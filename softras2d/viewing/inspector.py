@@ -74,9 +74,10 @@ def inspect_pixel(
     - `samples`: the nearest triangle (-1 for the background) and the colour of each sample of the
       pixel, row by row; empty under analytic coverage.
     - `layers`: the nearest triangles that cover the pixel, at most `most_layers` at each sample
-      (`list_layers`). They may include triangles behind an opaque one.
+      (`list_layers`). They may include triangles behind an opaque one. Under analytic coverage,
+      they are the last triangles in draw order instead, even in a scene with depth.
     - `most_layers`: the largest number of triangles that can be listed at a sample or pixel.
-    - `edges`: the corners of these triangles (`_edges`).
+    - `edges`: the corners of the triangles in `layers` (`_edges`).
     """
     center = LENS // 2
     window, nearby_scene, index = _window(scene, view, settings, column, row)
@@ -140,11 +141,12 @@ def reference_value(
 def _window(
     scene: Scene, view: View, settings: Settings, column: int, row: int
 ) -> tuple[View, Scene, Int[np.ndarray, " triangles"]]:
-    """The lens around a pixel, as a view; a scene of the triangles near it; and their indices.
+    """Return the lens around a pixel as a view, the triangles near the lens, and their indices.
 
-    `column` and `row` are the pixel on the canvas of `view`. The indices are those of the triangles
-    in `scene`. The scene of the triangles is padded, so that lenses with few triangles share
-    programs.
+    The lens is the square of `LENS` x `LENS` pixels around the pixel; `column` and `row` are the
+    pixel on the canvas of `view`. The triangles are a scene, which is padded so that lenses with
+    few triangles share compiled programs. The indices are those of the triangles, without the
+    padding, in `scene`.
     """
     x, y = view.x + column - LENS // 2, view.y + row - LENS // 2
     window = replace(view, x=x, y=y, height=LENS, width=LENS)
@@ -160,8 +162,8 @@ def _sample_layers(
 
     A layer is a triangle that covers the sample. `bits` is the `grid_bits` of the plan. Returns the
     layers, which include the opaque one; the number of samples along a side of a pixel; and whether
-    the layers are complete. They are, unless the 128 nearest layers of some sample are all
-    translucent.
+    the layers are complete. They are complete unless the 128 (`_MOST_LAYERS`) nearest layers of
+    some sample are all translucent.
     """
     deep_scene = with_flat_depth(scene) if scene.depth is None else scene
     count = LAYERS
@@ -203,7 +205,9 @@ def composite_samples(
 def list_layers(
     layers: WindowLayers, index: Int[np.ndarray, " triangles"], center: int
 ) -> list[dict[str, Any]]:
-    """List the triangles of the inspected pixel, nearest first, for JSON.
+    """List the triangles of the inspected pixel, for JSON, in the order of `layers`.
+
+    That is nearest first, or in reverse draw order under analytic coverage.
 
     - `index`: for each triangle of `layers`, its index in the complete scene.
     - `center`: row and column of the inspected pixel in `layers`.
@@ -213,9 +217,9 @@ def list_layers(
     - `triangle`: its index in the complete scene.
     - `samples`: the samples of the pixel at which it is listed, numbered row by row.
     - `coverage`: the fraction of the pixel that it covers.
-    - `weights`, `color`, `depth`, `uv`, `level`: means over these samples of the arrays of
-      `WindowLayers`. The colour has straight alpha. Arrays that are None are left out, and so is
-      the level of a triangle without texture.
+    - `weights`, `color`, `depth`, `uv`, `level`: the arrays of `WindowLayers`, as means over these
+      samples. The colour has straight alpha. Arrays that are None are left out, and so is the level
+      of a triangle without texture.
     """
     pixel_arrays: dict[str, np.ndarray] = {
         name: np.asarray(value)[center, center]
@@ -254,9 +258,10 @@ def list_layers(
 
 
 def _grid_bits(view: View, settings: Settings) -> int | None:
-    """The `grid_bits` of the complete canvas of a view, for a plan of a window of it.
+    """Return the `grid_bits` (see `softras2d.plan`) of the complete canvas of a view.
 
-    None for analytic coverage.
+    A plan for a window of the canvas then snaps vertices to the same grid. None for analytic
+    coverage.
     """
     if settings.coverage != "sampled":
         return None
@@ -266,7 +271,8 @@ def _grid_bits(view: View, settings: Settings) -> int | None:
 def _scene_index(triangle: int, index: Int[np.ndarray, " triangles"]) -> int:
     """Index in the complete scene of a triangle of the window; -1 for the background.
 
-    `triangle` is the index in the window, and `index` has the indices in the complete scene.
+    `triangle` is the index in the window, or -1. `index` has the index in the complete scene of
+    each triangle of the window.
     """
     return int(index[triangle]) if triangle >= 0 else -1
 

@@ -38,9 +38,9 @@ def view(
 
     - `subjects`: one or several, of any kinds: a `Scene`, a `FitResult`, a `TexturePyramid`, an
       image `[height, width, 1, 3 or 4]` of floats in sRGB, 0..1, with straight alpha, or the path
-      of an SVG file, an image or a saved fit.
-      An image can be compared with the other subjects, and can be the target of gradients. An SVG
-      file or an image file is drawn again when it changes.
+      of an SVG file, an image or a saved fit. An image can be compared with the other subjects. It
+      can also be the target of the gradients that the viewer draws over a scene. An SVG file or an
+      image file is drawn again when it changes.
     - `height`, `width`: size of the canvas of each `Scene`, in pixels; by default the smallest
       canvas from (0, 0) that contains all triangles, at most 4096 pixels a side. Fits and SVG files
       have their own size.

@@ -34,7 +34,10 @@ def fit_subject(name: str, result: FitResult, source: str = "") -> SceneInMemory
 
 
 def _open(path: Path, options: ReadOptions, cache: ImageCache) -> Subject:
-    """Make the subject of one file, by its suffix."""
+    """Make the subject of one file, whose suffix decides its kind, as in `open_files`.
+
+    `options` apply to an SVG file; an image file uses the `cache`.
+    """
     suffix = path.suffix.lower()
     if suffix in (".svg", ".svgz"):
         return SceneFile(path, options)

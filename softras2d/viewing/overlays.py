@@ -47,8 +47,9 @@ def tile_lengths(scene: Scene, plan: Plan) -> Int[np.ndarray, "rows columns"]:
     """Number of triangles that each tile of the canvas lists, by row and column of tiles.
 
     A render divides the canvas into tiles (`plan.tiling`), and lists for each tile the triangles to
-    draw in it. Triangles that are hidden in a tile by an opaque one are not counted. The numbers
-    are the same for a plan that lists every triangle for every tile (`Plan.lists_all`).
+    draw in it. Triangles that are left out of a list, because an opaque occluder hides them in the
+    tile, are not counted. A plan that lists every triangle for every tile (`Plan.lists_all`) gives
+    the same numbers as one that does not.
     """
     origin = np.asarray(plan.origin)
     if not plan.side:
@@ -103,8 +104,9 @@ def _gradient(
 ) -> tuple[Float[Array, "vertices 2"], Bool[Array, ""]]:
     """The gradient of the mean squared difference to a target, by the positions of a scene.
 
-    `target` is straight RGBA in 0..1. The mean is as in `position_gradients`. Also returns whether
-    the scene outgrew the plan; if it did, the gradient is not valid.
+    `target` is straight RGBA in 0..1. The mean is as in `position_gradients`. The second result is
+    whether the scene outgrew the plan, that is, needs larger arrays; if so, the gradient is not
+    valid.
     """
 
     def loss(positions: Float[Array, "vertices 2"]) -> tuple[Array, Array]:

@@ -77,9 +77,10 @@ class ViewPlans:
         """Return a plan for this view, which may turn out to be too small.
 
         If there are plans for views of the same kind (`kind_of`), the plan of the nearest octave of
-        zoom is returned, which may be too small. Otherwise a plan is made: a tight one for a large
-        canvas, else one with headroom. The plan is stored for the view's octave, and returned with
-        the origin and the other array leaves of this view. `grid_bits` is as in `plan`.
+        zoom is returned; it is the one that may be too small. Otherwise a plan is made for this
+        view: a tight one if the canvas has `TIGHT_PLAN_PIXELS` or more, else one with headroom. The
+        plan is stored for the view's octave, and returned with the origin and the other array
+        leaves of this view (`_at`). `grid_bits` is as in `softras2d.plan`.
         """
         kind, octave = kind_of(scene, view, settings, grid_bits), _octave(view)
         nearest_first = sorted(
@@ -101,9 +102,10 @@ class ViewPlans:
     ) -> Plan:
         """Make a plan with more headroom for this view, and store it for the view's octave of zoom.
 
-        Its lists are 1.25 times as long as needed (`_HEADROOM`), or 2.5 times if `adopt` was called
-        for the same kind of views and octave. Each further call for them doubles this factor, up to
-        `_MAX_HEADROOM`. `grid_bits` is as in `plan`.
+        The lists of the plan are 1.25 times as long as needed (`_HEADROOM`), or 2.5 times if
+        `adopt` was called before for the same kind of views and octave. Each further call for that
+        kind and octave doubles the factor, up to `_MAX_HEADROOM`. `grid_bits` is as in
+        `softras2d.plan`.
         """
         key = kind_of(scene, view, settings, grid_bits), _octave(view)
         headroom = self._headroom.get(key, _HEADROOM)
@@ -116,8 +118,8 @@ class ViewPlans:
         """Store a plan with headroom that another thread has made, for the view's octave of zoom.
 
         `plan` is for the view's kind (`kind_of`). Returns the plan with the origin and the other
-        array leaves of this view. If the plan is outgrown, the next one gets twice the default
-        headroom.
+        array leaves of this view (`_at`). If a view outgrows the plan, the plan that `enlarge`
+        makes next has lists that are 2.5 times as long as needed: twice `_HEADROOM`.
         """
         key = kind_of(scene, view, settings), _octave(view)
         self._headroom[key] = 2 * _HEADROOM
@@ -145,9 +147,9 @@ def headroom_plan(
 ) -> Plan:
     """Make a plan for a view and for the same view at twice the zoom, with headroom.
 
-    `headroom`, the factor for the length of the lists, and `grid_bits` are as in `plan`. Under
-    sampled coverage, the plan cuts triangles at the guard band, even if no triangle of the view
-    reaches it.
+    `scene` is at the zoom of the view. The lists of the plan are at least `headroom` times as long
+    as the two views need. This argument and `grid_bits` are as in `softras2d.plan`. Under sampled
+    coverage, the plan cuts triangles at the guard band, even if no triangle of the view reaches it.
     """
     scenes = [scene, _at_twice_the_zoom(scene, view)]
     plan = _make_plan(scenes, view, settings, grid_bits, headroom)
@@ -163,10 +165,10 @@ def _make_plan(
     grid_bits: int | None,
     headroom: float,
 ) -> Plan:
-    """Make a plan for some scenes on the canvas of a view.
+    """Make a plan that is large enough for each of some scenes on the canvas of a view.
 
-    `headroom` and `grid_bits` are as in `plan`. Raises `ValueError` if a render would take more
-    than `_MAX_MEMORY`.
+    `headroom` and `grid_bits` are as in `softras2d.plan`. Raises `ValueError` if a render would
+    take more than `_MAX_MEMORY`.
     """
     plan = make_plan(
         scenes,
@@ -224,7 +226,11 @@ def _at_twice_the_zoom(scene: Scene, view: View) -> Scene:
 
 
 def _at(plan: Plan, view: View, settings: Settings) -> Plan:
-    """Return the plan with the array leaves of a view and settings: origin, bias and soft width."""
+    """Return `plan` with the array leaves of a view and its settings.
+
+    They are the origin, the bias of the level of detail and, under soft coverage, the width of soft
+    edges. Changing them does not recompile.
+    """
     wanted = eqx.tree_at(lambda plan: plan.origin, plan, _like([view.x, view.y], plan.origin))
     bias = _like(settings.lod_bias, plan.filter.lod_bias)
     wanted = eqx.tree_at(lambda plan: plan.filter.lod_bias, wanted, bias)

@@ -79,7 +79,7 @@ class SceneInMemory(Subject):
 
 
 def enlarge(scene: Scene, x_scale: int | float, y_scale: int | float) -> Scene:
-    """Multiply the x and y of a scene's positions by two factors.
+    """Return a scene whose x are multiplied by `x_scale`, and whose y by `y_scale`.
 
     The products are computed on the host, where nothing is compiled.
     """

@@ -108,7 +108,7 @@ class _Connection:
             )
 
     def _deliver_from_worker(self, reply: Reply) -> None:
-        """Deliver a reply from the thread of the worker."""
+        """Have the thread of the server deliver a reply; called in the thread of the worker."""
         # The server may have ended while a picture was drawn.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._deliver, reply)

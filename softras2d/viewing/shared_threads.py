@@ -77,9 +77,9 @@ class Watcher:
         """Call `tell` with the result of `versions`, whenever the result has changed.
 
         `versions` returns the version of each subject. It is called once now, and then in the
-        thread of the watcher, as `tell` is. If one of them raises there, the error is logged and
-        the owner forgotten. `owner` is the key with which `forget` stops this; if the owner is
-        watched already, nothing changes.
+        thread of the watcher, as `tell` is. If either function raises there, the error is logged,
+        and neither is called again. `owner` is a key, with which `forget` stops the calls. If the
+        functions of this owner are called already, nothing changes.
         """
         with self._changed:
             if owner not in self._watched:

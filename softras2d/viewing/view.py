@@ -25,8 +25,9 @@ class View:
     """The part of a drawing that a canvas shows.
 
     - `zoom`: pixels of the canvas per pixel of the drawing.
-    - `x`, `y`: pixel of the enlarged drawing, which is the drawing times `zoom`, that is at the top
-      left of the canvas, like the `origin` of a plan. It may lie outside the drawing.
+    - `x`, `y`: column and row of the pixel at the top left of the canvas, counted in the enlarged
+      drawing (the drawing times `zoom`), like the `origin` of a plan. The pixel may lie outside the
+      drawing.
     - `height`, `width`: size of the canvas, in pixels.
 
     Raises `ValueError` for values outside the range that can be drawn.

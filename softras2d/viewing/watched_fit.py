@@ -1,7 +1,7 @@
 """Defines the subject that shows a fit while it runs.
 
-A subject is a drawing or an image that the viewer shows (`subject.py`). A page is what
-shows it in a browser; pages ask for its scene and its progress.
+A subject is a drawing or an image that the viewer shows (`subject.py`). A page shows the subject
+in a browser, and asks for its scene and its progress.
 """
 
 import threading
@@ -14,12 +14,15 @@ from .subject import FitState
 
 
 class WatchedFit(SceneInMemory):
-    """A subject that shows a fit while it runs, by the scene that was best at one of its reports.
+    """A subject that shows a fit while it runs: the best scene so far, at one of its reports.
 
-    It is empty before the first report. A later report changes the scene only if the one that is
-    shown has been drawn.
-    The thread of the fit calls `add` and `finish`. Other threads answer the pages: they call
-    `watch`, read the progress with `fit_state`, and get the scene to draw from `scene_at`.
+    Before the first progress report, the subject is empty. A later report changes the scene only if
+    the scene that is shown has been drawn meanwhile. The thread of the fit calls `add` and
+    `finish`. Other threads answer the pages: they call `watch`, read the progress with `fit_state`,
+    and get the scene to draw from `scene_at`.
+
+    - `name`: what a page calls the subject.
+    - `height`, `width`: size of the picture that is fitted, in pixels.
     """
 
     may_change = True

@@ -1,7 +1,7 @@
 """Lists the triangles that cover each sample of a small window, with what the inspector shows.
 
 A window is a view of a few pixels (`view.py`). The layers of a sample are the triangles that cover
-it, nearest first.
+it, nearest first. Analytic coverage has layers of pixels instead, which are in reverse draw order.
 """
 
 from typing import NamedTuple
@@ -28,11 +28,14 @@ from ..texture.pyramid import TexturePyramid
 from .view import View
 
 LAYERS = 8
-"""Maximum number of triangles listed per sample or pixel, nearest first."""
+"""Default of the number of layers listed per sample or pixel."""
 
 
 class WindowLayers(NamedTuple):
-    """The nearest triangles at each sample of a window, or at each pixel under analytic coverage.
+    """The topmost triangles at each sample of a window, or at each pixel under analytic coverage.
+
+    The layers of a sample are in order, nearest first. Those of a pixel are in reverse draw order,
+    even in a scene with depth.
 
     Arrays are `[height, width, samples, layers, ...]`; analytic coverage has one sample per pixel.
     Entries of unused layers, whose triangle is -1, have no meaning.
@@ -86,10 +89,11 @@ def with_flat_depth(scene: Scene) -> Scene:
 def find_layers(
     scene: Scene, plan: Plan, layers: int = LAYERS
 ) -> tuple[WindowLayers, Bool[Array, ""]]:
-    """Find the nearest `layers` triangles at each sample or pixel of a small canvas.
+    """Find the topmost `layers` triangles at each sample or pixel of a small canvas.
 
-    Returns these triangles, and whether the scene outgrew the plan. Under analytic coverage, the
-    second result is always false, since `pixel_layers` raises `ValueError` instead.
+    Returns these triangles, and whether the scene outgrew the plan, that is, needs larger arrays.
+    Under analytic coverage, the second result is always false, since `pixel_layers` raises
+    `ValueError` instead.
     """
     if not len(scene.triangles):
         return _no_layers(plan, layers), to_device(False)
